@@ -1,0 +1,75 @@
+"""Coarse event counts in space and time: enough to find the period, a thousandth of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_core.errors import EsfoError
+from esfo_core.events import EventArray
+
+
+class ActivityError(EsfoError):
+    """Pieces of activity do not fit together."""
+
+
+@dataclass(frozen=True)
+class Activity:
+    """Event counts per time bin, polarity and cell.
+
+    t0: start of the first bin, ns. bin: length of a bin, ns. cell: edge of a square cell, px.
+    counts: (B, 2, rows, columns) uint16, saturating at 65535; polarity 0 is off, 1 is on.
+    """
+
+    t0: int
+    bin: int
+    cell: int
+    counts: NDArray[np.uint16]
+
+    @property
+    def end(self) -> int:
+        """Time just after the last bin, ns."""
+        return self.t0 + self.bin * len(self.counts)
+
+    @staticmethod
+    def from_events(events: EventArray, t0: int, bins: int, bin_ns: int, cell: int, grid: tuple[int, int]) -> Activity:
+        """Count events of [t0, t0 + bins * bin_ns) on a grid of (rows, columns) cells; others are ignored."""
+        rows, columns = grid
+        k = (events["t"] - t0) // bin_ns
+        inside = (k >= 0) & (k < bins)
+        chosen, k = events[inside], k[inside]
+        y, x = chosen["y"].astype(np.int64) // cell, chosen["x"].astype(np.int64) // cell
+        flat = ((k * 2 + chosen["p"]) * rows + y) * columns + x
+        counts = np.bincount(flat, minlength=bins * 2 * rows * columns)
+        counts = np.minimum(counts, np.iinfo(np.uint16).max).astype(np.uint16)
+        return Activity(t0, bin_ns, cell, counts.reshape(bins, 2, rows, columns))
+
+    @staticmethod
+    def concatenate(parts: Iterable[Activity]) -> Activity:
+        """Join pieces that follow one another; a gap between two is filled with empty bins.
+
+        Raises ActivityError when the pieces differ in bin, cell or grid, overlap, or there is none.
+        """
+        pieces = sorted(parts, key=lambda a: a.t0)
+        if not pieces:
+            raise ActivityError("no activity to join")
+        first = pieces[0]
+        for piece in pieces[1:]:
+            if (piece.bin, piece.cell, piece.counts.shape[1:]) != (first.bin, first.cell, first.counts.shape[1:]):
+                raise ActivityError(
+                    f"activity of bin {piece.bin} ns, cell {piece.cell} px, grid {piece.counts.shape[2:]} does not fit "
+                    f"bin {first.bin} ns, cell {first.cell} px, grid {first.counts.shape[2:]}"
+                )
+        total = (pieces[-1].end - first.t0) // first.bin
+        counts = np.zeros((total, *first.counts.shape[1:]), np.uint16)
+        covered = 0
+        for piece in pieces:
+            start, rest = divmod(piece.t0 - first.t0, first.bin)
+            if rest or start < covered:
+                raise ActivityError(f"activity at {piece.t0} ns overlaps or is not aligned with bins of {first.bin} ns")
+            covered = start + len(piece.counts)
+            counts[start:covered] = piece.counts
+        return Activity(first.t0, first.bin, first.cell, counts)

@@ -1,0 +1,160 @@
+"""Camera intrinsics and lens distortion, as `sensor_msgs/CameraInfo` has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from esfo_core.errors import CameraError
+
+_COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibrated camera.
+
+    width, height: sensor size in pixels. K: (3, 3) intrinsic matrix in pixels, zero skew.
+    distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant`; D: its coefficients in ROS order
+    (empty: no distortion).
+
+    Raises CameraError for non-finite or impossible values.
+    """
+
+    width: int
+    height: int
+    K: NDArray[np.float64]
+    distortion_model: str = "plumb_bob"
+    D: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        if self.width <= 0 or self.height <= 0:
+            raise CameraError(f"image size {self.width}x{self.height} is not positive")
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
+            raise CameraError(f"camera matrix is not 3x3 of finite numbers: {self.K.tolist()}")
+        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CameraError(f"focal lengths {self.K[0, 0]}, {self.K[1, 1]} are not positive (uncalibrated?)")
+        if not np.isfinite(self.D).all():
+            raise CameraError(f"distortion coefficients are not finite: {self.D.tolist()}")
+        if self.D.any():
+            allowed = _COEFFICIENTS.get(self.distortion_model)
+            if allowed is None:
+                raise CameraError(f"unknown distortion model {self.distortion_model!r}; known: {sorted(_COEFFICIENTS)}")
+            if len(self.D) not in allowed:
+                raise CameraError(f"{self.distortion_model} takes {allowed} coefficients, got {len(self.D)}")
+
+    @staticmethod
+    def pinhole(width: int, height: int, focal_px: float) -> Camera:
+        """Return an ideal camera with square pixels and the principal point at the image centre."""
+        K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
+        return Camera(width, height, K)
+
+    @property
+    def focal_px(self) -> float:
+        """Mean focal length in pixels."""
+        return float((self.K[0, 0] + self.K[1, 1]) / 2)
+
+    def distort(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map (N, 2) ideal points of the plane z = 1 to (N, 2) distorted points of that plane."""
+        if not self.D.any():
+            return xy
+        x, y = xy[:, 0], xy[:, 1]
+        r2 = x * x + y * y
+        if self.distortion_model == "equidistant":
+            r = np.sqrt(r2)
+            theta = np.arctan(r)
+            k1, k2, k3, k4 = self.D
+            q = theta * theta
+            distorted = theta * (1 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
+            return np.asarray(xy * np.where(r > 1e-12, distorted / np.maximum(r, 1e-12), 1.0)[:, None])
+        d = np.zeros(8)
+        d[: len(self.D)] = self.D
+        k1, k2, p1, p2, k3, k4, k5, k6 = d
+        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        return np.stack(
+            [
+                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            ],
+            axis=1,
+        )
+
+    def project(self, X: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Project (N, 3) points of the camera frame (z > 0) to (N, 2) pixels."""
+        plane = self.distort(X[:, :2] / X[:, 2:])
+        return np.stack([self.K[0, 0] * plane[:, 0] + self.K[0, 2], self.K[1, 1] * plane[:, 1] + self.K[1, 2]], axis=1)
+
+    def unproject(self, uv: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Map (N, 2) pixels to (N, 2) ideal points of the plane z = 1.
+
+        Distortion is inverted by fixed-point iteration. Raises CameraError where that does not converge,
+        because a position made up there would be silently wrong.
+        """
+        focal, centre = np.array([self.K[0, 0], self.K[1, 1]]), np.array([self.K[0, 2], self.K[1, 2]])
+        target = (np.asarray(uv, np.float64) - centre) / focal
+        if not self.D.any():
+            return target
+        xy = target.copy()
+        for _ in range(100):
+            error = self.distort(xy) - target
+            xy -= error
+            if np.abs(error).max(initial=0.0) < 1e-12:
+                return xy
+        residual = np.abs((self.distort(xy) - target) * focal).max()
+        if not residual < 1e-3:
+            raise CameraError(f"lens distortion cannot be inverted over the sensor (residual {residual:.3g} px)")
+        return xy
+
+    @cached_property
+    def rays(self) -> NDArray[np.float64]:
+        """Table (height, width, 2): the plane z = 1 point of every pixel, because event pixels are integers."""
+        v, u = np.mgrid[: self.height, : self.width]
+        flat = self.unproject(np.stack([u.ravel(), v.ravel()], axis=1))
+        return flat.reshape(self.height, self.width, 2)
+
+    @staticmethod
+    def read_yaml(path: Path) -> Camera:
+        """Read a ROS `camera_calibration` file. Raises CameraError with the field that is wrong."""
+        try:
+            content = yaml.safe_load(path.read_text())
+        except OSError as error:
+            raise CameraError(f"{path}: {error.strerror}") from error
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise CameraError(f"{path}: not a YAML file ({str(error).splitlines()[0]})") from error
+        try:
+            return Camera(
+                int(content["image_width"]),
+                int(content["image_height"]),
+                np.array(content["camera_matrix"]["data"], np.float64).reshape(3, 3),
+                str(content.get("distortion_model", "plumb_bob")),
+                np.array(content.get("distortion_coefficients", {}).get("data", []), np.float64),
+            )
+        except CameraError as error:
+            raise CameraError(f"{path}: {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise CameraError(f"{path}: not a camera_calibration file ({type(error).__name__}: {error})") from error
+
+    def write_yaml(self, path: Path, name: str = "camera") -> None:
+        """Write a ROS `camera_calibration` file."""
+        P = np.zeros((3, 4))
+        P[:, :3] = self.K
+
+        def matrix(m: NDArray[np.float64]) -> dict[str, object]:
+            return {"rows": m.shape[0], "cols": m.shape[1], "data": [float(v) for v in m.ravel()]}
+
+        content = {
+            "image_width": self.width,
+            "image_height": self.height,
+            "camera_name": name,
+            "camera_matrix": matrix(self.K),
+            "distortion_model": self.distortion_model,
+            "distortion_coefficients": matrix(self.D.reshape(1, -1)),
+            "rectification_matrix": matrix(np.eye(3)),
+            "projection_matrix": matrix(P),
+        }
+        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))

@@ -1,0 +1,137 @@
+"""What the back-end publishes and what `esfo run` writes: one result type for the live and the offline way."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_core.orbit import Spin
+
+Status = Literal["ok", "degenerate", "failed"]
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another explanation of the data that was considered.
+
+    kind: `harmonic` (another period of the event stream), `mirror` or `axis` (another optimum of the same rate).
+    rate_hz: its rate. axis: (3,) its axis; zeros where only a rate was considered.
+    score_ratio: how well it does compared with the published one, 1 = equally well, larger = worse:
+    correlation(published) / correlation(alternative) for a harmonic, robust cost ratio otherwise.
+    """
+
+    kind: str
+    rate_hz: float
+    axis: NDArray[np.float64]
+    score_ratio: float
+
+
+@dataclass(frozen=True)
+class OrbitEstimate:
+    """Spin, structure and how far to trust them.
+
+    status: `ok`, `degenerate` (something named in flags is not observable) or `failed` (no estimate; reason says why).
+    spin: the motion, None when failed. Lengths are in units of `scale`: `unit` sets the orbit radius to 1.
+    rate_std_hz: standard deviation of the rate. axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
+    points: (P, 3) in the object's coordinates at spin.t0 (camera-aligned, origin at spin.center).
+    point_rms_px, point_rows: (P,) reprojection error and number of observations of each point.
+    tracks, observations: how many of each support the points. revolutions: turns seen.
+    t_first, t_last: ns, span of the data.
+    """
+
+    status: Status
+    flags: tuple[str, ...]
+    reason: str
+    spin: Spin | None
+    rate_std_hz: float
+    axis_cov: NDArray[np.float64]
+    points: NDArray[np.float64]
+    point_rms_px: NDArray[np.float64]
+    point_rows: NDArray[np.int64]
+    tracks: int
+    observations: int
+    revolutions: float
+    rms_px: float
+    initialisation: str
+    scale: str = "unit"
+    t_first: int = 0
+    t_last: int = 0
+    alternatives: tuple[Alternative, ...] = ()
+    timing_s: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def axis_std_deg(self) -> float:
+        """Standard deviation of the axis direction in degrees: root of the larger eigenvalue of axis_cov."""
+        return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.axis_cov)[-1], 0.0))))
+
+    @staticmethod
+    def failure(reason: str, **known: object) -> OrbitEstimate:
+        """Return an estimate that says why there is none; `known` may set tracks, observations, flags and so on."""
+        values: dict[str, object] = {
+            "status": "failed",
+            "flags": (),
+            "reason": reason,
+            "spin": None,
+            "rate_std_hz": float("nan"),
+            "axis_cov": np.full((2, 2), np.nan),
+            "points": np.empty((0, 3)),
+            "point_rms_px": np.empty(0),
+            "point_rows": np.empty(0, np.int64),
+            "tracks": 0,
+            "observations": 0,
+            "revolutions": 0.0,
+            "rms_px": float("nan"),
+            "initialisation": "none",
+        }
+        return OrbitEstimate(**{**values, **known})  # type: ignore[arg-type]
+
+    def to_json(self, versions: dict[str, str]) -> dict[str, object]:
+        """Return the content of `orbit.json`; numbers that do not exist are null, never NaN."""
+        out: dict[str, object] = {"status": self.status, "flags": list(self.flags), "reason": self.reason}
+        if self.spin is not None:
+            out |= _spin_fields(self.spin)
+            out |= {"spin_rate_std_hz": self.rate_std_hz, "axis_std_deg": self.axis_std_deg}
+        out |= {
+            "scale": self.scale,
+            "points": len(self.points),
+            "tracks": self.tracks,
+            "observations": self.observations,
+            "revolutions": self.revolutions,
+            "rms_reprojection_px": self.rms_px,
+            "initialisation": self.initialisation,
+            "alternatives": [
+                {"kind": a.kind, "rate_hz": a.rate_hz, "axis": a.axis.tolist(), "score_ratio": a.score_ratio}
+                for a in self.alternatives
+            ],
+            "timing_s": self.timing_s,
+            "versions": versions,
+        }
+        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in out.items()}
+
+    def write_json(self, path: Path, versions: dict[str, str]) -> None:
+        """Write `orbit.json`."""
+        path.write_text(json.dumps(self.to_json(versions), indent=2, allow_nan=False) + "\n")
+
+
+def _spin_fields(spin: Spin) -> dict[str, object]:
+    orbit = spin.paper_orbit()
+    return {
+        "spin_rate_hz": spin.rate_hz,
+        "axis": spin.axis.tolist(),
+        "center": spin.center.tolist(),
+        "t0_ns": spin.t0,
+        "radius": orbit.radius,
+        "orbit": {
+            "r": orbit.radius,
+            "f": orbit.rate_hz,
+            "R0": orbit.R0.tolist(),
+            "n": orbit.normal.tolist(),
+            "u": orbit.u.tolist(),
+            "c": orbit.c.tolist(),
+        },
+    }

@@ -1,0 +1,102 @@
+"""What all decoders share: input, counters, and events that leave in time order."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_core.errors import RecordingError
+from esfo_core.events import EventArray
+
+Bytes: TypeAlias = bytes | bytearray | memoryview | NDArray[np.uint8]
+
+TRIGGER_DTYPE = np.dtype([("t", "<i8"), ("edge", "i1"), ("id", "u1")])
+"""One external trigger: sensor time t in nanoseconds, edge (0 falling, 1 rising), input number."""
+
+MAX_STEP_BACK = 50_000_000
+"""Largest step back in time (ns) that counts as jitter; a Prophesee clock repeats up to 41 ms around its high bits."""
+
+
+@dataclass
+class DecoderStatistics:
+    """What a decoder has met so far.
+
+    events: events that came out. triggers_rising, triggers_falling: external triggers.
+    out_of_range: events outside the sensor, dropped. unsynchronised: events before the first time stamp or address,
+    dropped. unknown_words: words of no known code, skipped. out_of_order: events earlier than one before them in the
+    same packet, sorted in. trailing_bytes: bytes at the end of packets that make no whole word, skipped.
+    """
+
+    events: int = 0
+    triggers_rising: int = 0
+    triggers_falling: int = 0
+    out_of_range: int = 0
+    unsynchronised: int = 0
+    unknown_words: int = 0
+    out_of_order: int = 0
+    trailing_bytes: int = 0
+
+
+class Decoder(ABC):
+    """Turns the packets of one stream, in order, into events.
+
+    width, height: sensor size in pixels; events outside are counted and dropped.
+    statistics: counters since construction. triggers: (K,) of `TRIGGER_DTYPE`, those of the latest packet.
+    """
+
+    word: ClassVar[np.dtype[Any]]
+
+    def __init__(self, width: int, height: int) -> None:
+        if width <= 0 or height <= 0:
+            raise RecordingError(f"sensor size {width}x{height} is not positive")
+        self.width = width
+        self.height = height
+        self.statistics = DecoderStatistics()
+        self.triggers: NDArray[np.void] = np.empty(0, TRIGGER_DTYPE)
+
+    def decode(self, data: Bytes, time_base: int = 0) -> EventArray:
+        """Decode one packet; the state of the stream survives to the next.
+
+        data: the packet. time_base: that of its `EventPacket`, where the encoding uses it.
+        Returns events (N,) in time order; within a packet, steps back of up to `MAX_STEP_BACK` are sorted and counted.
+        Raises RecordingError for a larger step back or a time that does not fit 63 bits.
+        """
+        raw = np.frombuffer(data, np.uint8)
+        whole = len(raw) - len(raw) % self.word.itemsize
+        self.statistics.trailing_bytes += len(raw) - whole
+        events = self._in_order(self._decode(raw[:whole].view(self.word), time_base))
+        self.statistics.events += len(events)
+        return events
+
+    def resynchronise(self) -> None:  # noqa: B027 - encodings without state have nothing to forget
+        """Packets are missing: emit nothing that depends on a word they may have held."""
+
+    @abstractmethod
+    def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
+        """Decode whole words (M,) of the type `word` to events, in stream order."""
+
+    def _in_order(self, events: EventArray) -> EventArray:
+        t = events["t"]
+        if not (t[1:] < t[:-1]).any():
+            return events
+        behind = np.maximum.accumulate(t) - t
+        if behind.max() > MAX_STEP_BACK:
+            raise RecordingError(f"time steps back by {behind.max() / 1e9:.6f} s inside a packet")
+        self.statistics.out_of_order += int(np.count_nonzero(behind))
+        return events[np.argsort(t, kind="stable")]
+
+    def _inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
+        """Mask of the pixels on the sensor; counts the others."""
+        inside = (x < self.width) & (y < self.height)
+        self.statistics.out_of_range += len(inside) - int(np.count_nonzero(inside))
+        return inside
+
+
+def check_time_base(time_base: int) -> None:
+    """Raise RecordingError unless `time_base` ns leaves room for the times of a packet in 63 bits."""
+    if not 0 <= time_base < 2**62:
+        raise RecordingError(f"time base {time_base} ns is out of range")

@@ -1,0 +1,129 @@
+"""Recordings in ROS bags: `event_camera_msgs/EventPacket` and, where there is one, its `CameraInfo`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from esfo_core.camera import Camera
+from esfo_core.codecs import Decoder, decoder
+from esfo_core.errors import CameraError, RecordingError
+from esfo_core.events import EventArray
+from esfo_core.recordings.bag_file import BagFile
+from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, camera_from_info
+from esfo_core.recordings.recording import Recording
+
+
+class BagRecording(Recording):
+    """Events of one topic of a bag that consists of one or several files.
+
+    The camera is that of the `camera_info` topic beside the event topic, or else of the bag's only `CameraInfo` topic
+    if it describes a sensor of the same size.
+
+    Raises RecordingError for a bag without events, or with several event topics unless `topic` names one.
+    """
+
+    def __init__(self, path: Path, files: Sequence[Path], kind: str, topic: str | None = None) -> None:
+        super().__init__(path, sum(file.stat().st_size for file in files))
+        self._files = [BagFile(file) for file in files]
+        topics = self._topics(EVENT_PACKET)
+        self.topic = _choose(path, topics, topic)
+        self._messages = topics[self.topic]
+        first = next((m for m in self._all(self.topic, EVENT_PACKET) if m is not None), None)
+        if first is None:
+            raise RecordingError(f"{path}: no readable message on the event topic {self.topic!r}")
+        self.width, self.height, self.encoding = int(first.width), int(first.height), str(first.encoding)
+        self.format = f"{kind}, {self.encoding}"
+        self._new_decoder()
+        self.camera = self._find_camera()
+
+    def progress(self) -> float:
+        """Fraction of the event messages read."""
+        statistics = self.statistics
+        return min(1.0, (statistics.packets + statistics.packets_damaged) / max(1, self._messages))
+
+    def _packets(self) -> Iterator[EventArray]:
+        events_of = self._new_decoder()
+        statistics = self.statistics
+        statistics.decoder = events_of.statistics
+        latest: int | None = None
+        for message in self._all(self.topic, EVENT_PACKET):
+            if message is None:
+                statistics.packets_damaged += 1
+                events_of.resynchronise()
+                continue
+            self._check_same(message)
+            seq = int(message.seq)
+            if latest is not None and seq > latest + 1:
+                statistics.packets_lost += seq - latest - 1
+                events_of.resynchronise()
+            latest = seq
+            statistics.packets += 1
+            try:
+                events = events_of.decode(message.events, int(message.time_base))
+            except RecordingError as error:
+                raise RecordingError(f"{self.path}: packet {seq}: {error}") from error
+            yield events
+
+    def _all(self, topic: str, kind: str) -> Iterator[Any]:
+        for file in self._files:
+            yield from file.messages(topic, kind)
+
+    def _topics(self, kind: str) -> dict[str, int]:
+        counts: dict[str, int] = {}
+        for file in self._files:
+            for topic, count in file.topics(kind).items():
+                counts[topic] = counts.get(topic, 0) + count
+        return counts
+
+    def _new_decoder(self) -> Decoder:
+        try:
+            return decoder(self.encoding, self.width, self.height)
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: topic {self.topic!r}: {error}") from error
+
+    def _check_same(self, message: Any) -> None:
+        found = (int(message.width), int(message.height), str(message.encoding))
+        if found != (self.width, self.height, self.encoding):
+            raise RecordingError(
+                f"{self.path}: packet {message.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
+                f"{self.width}x{self.height} {self.encoding!r}"
+            )
+        if message.is_bigendian:
+            raise RecordingError(f"{self.path}: packet {message.seq} of {self.topic!r} is big-endian")
+
+    def _find_camera(self) -> Camera | None:
+        topics = self._topics(CAMERA_INFO)
+        beside = self.topic.rpartition("/")[0] + "/camera_info"
+        if beside not in topics and len(topics) != 1:
+            return None
+        topic = beside if beside in topics else next(iter(topics))
+        info = next((m for m in self._all(topic, CAMERA_INFO) if m is not None), None)
+        if info is None:
+            return None
+        size = (int(info.width), int(info.height))
+        if size != (self.width, self.height):
+            if topic != beside:  # another camera's
+                return None
+            raise RecordingError(
+                f"{self.path}: {topic!r} is of {size[0]}x{size[1]} pixels, the events of {self.width}x{self.height}"
+            )
+        try:
+            return camera_from_info(info)
+        except CameraError as error:
+            raise CameraError(f"{self.path}: {topic!r}: {error}") from error
+
+
+def _choose(path: Path, topics: dict[str, int], wanted: str | None) -> str:
+    if not topics:
+        raise RecordingError(f"{path}: the bag has no topic of type {EVENT_PACKET}")
+    names = ", ".join(sorted(topics))
+    if wanted is not None and wanted not in topics:
+        raise RecordingError(f"{path}: no event topic {wanted!r}; event topics: {names}")
+    filled = [wanted] if wanted is not None else [topic for topic, count in topics.items() if count]
+    if len(filled) > 1:
+        raise RecordingError(f"{path}: several event topics, choose one of {names}")
+    if not filled or not topics[filled[0]]:
+        raise RecordingError(f"{path}: no messages on the event topic {filled[0] if filled else names}")
+    return filled[0]

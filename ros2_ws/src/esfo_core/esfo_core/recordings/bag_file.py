@@ -1,0 +1,68 @@
+"""Messages of one ROS bag file, with every failure of the bag libraries turned into RecordingError."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag1 import Reader as Rosbag1Reader
+from rosbags.rosbag2 import Reader as Rosbag2Reader
+
+from esfo_core.errors import EsfoError, RecordingError
+from esfo_core.recordings.messages import typestore
+
+
+class BagFile:
+    """One MCAP, SQLite or ROS 1 bag file, chosen by its extension and opened anew for each question."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._ros1 = path.suffix == ".bag"
+
+    def topics(self, kind: str) -> dict[str, int]:
+        """Topics of the message type `kind` with their numbers of messages."""
+        counts: dict[str, int] = {}
+        with self._open() as reader:
+            for c in reader.connections:
+                if c.msgtype == kind:
+                    counts[c.topic] = counts.get(c.topic, 0) + c.msgcount
+        return counts
+
+    def messages(self, topic: str, kind: str) -> Iterator[Any]:
+        """Messages of one topic in the order of their log times; None for one that cannot be deserialised."""
+        store = typestore(self._ros1)
+        deserialise = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
+        with self._open() as reader:
+            connections = [c for c in reader.connections if c.topic == topic and c.msgtype == kind]
+            entries = reader.messages(connections=connections) if connections else iter(())
+            while True:
+                with _one_error(self.path):
+                    entry = next(entries, None)
+                if entry is None:
+                    return
+                try:
+                    message = deserialise(entry[2], kind)
+                except Exception:  # noqa: BLE001 - damaged bytes raise anything; the caller counts the loss
+                    message = None
+                yield message
+
+    @contextmanager
+    def _open(self) -> Iterator[Any]:
+        with ExitStack() as stack:
+            with _one_error(self.path):
+                reader = Rosbag1Reader(self.path) if self._ros1 else Rosbag2Reader(self.path)
+                stack.enter_context(reader)
+            yield reader
+
+
+@contextmanager
+def _one_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except EsfoError:
+        raise
+    except Exception as error:  # damaged bytes raise anything from struct.error to AssertionError
+        reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+        raise RecordingError(f"{path}: damaged or unreadable bag ({reason})") from error

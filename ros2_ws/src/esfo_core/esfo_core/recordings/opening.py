@@ -1,0 +1,78 @@
+"""Finding out what a path holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import yaml
+
+from esfo_core.errors import RecordingError
+from esfo_core.recordings.bag import BagRecording
+from esfo_core.recordings.recording import Recording
+
+_BAG_KINDS = {
+    b"\x89MCAP0\r\n": (".mcap", "ROS 2 bag (MCAP)"),
+    b"SQLite format 3\0": (".db3", "ROS 2 bag (SQLite)"),
+    b"#ROSBAG V2.0\n": (".bag", "ROS 1 bag"),
+}
+
+
+def open_recording(path: Path, topic: str | None = None) -> Recording:
+    """Open an event recording of any known format, told by its first bytes.
+
+    path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT3) or DAT file.
+    topic: which event topic of a bag, needed only when it has several.
+
+    Raises RecordingError when there is nothing to read at `path` or it is not of a known format, and CameraError when
+    the calibration in a bag is impossible.
+    """
+    if path.is_dir():
+        return _open_folder(path, topic)
+    start = _first_bytes(path)
+    if not start:
+        raise RecordingError(f"{path}: the file is empty")
+    for magic, (suffix, kind) in _BAG_KINDS.items():
+        if start.startswith(magic):
+            if path.suffix != suffix:
+                raise RecordingError(f"{path}: holds a {kind}, which needs the extension {suffix}")
+            return BagRecording(path, [path], kind, topic)
+    raise RecordingError(f"{path}: not a recording of a known format (it starts with {start[:12]!r})")
+
+
+def _first_bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(64)
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+
+
+def _open_folder(path: Path, topic: str | None) -> Recording:
+    files = _files_of(path)
+    kinds = {suffix: kind for suffix, kind in _BAG_KINDS.values() if suffix != ".bag"}
+    suffixes = {file.suffix for file in files}
+    if not files or len(suffixes) != 1 or not suffixes <= kinds.keys():
+        names = ", ".join(file.name for file in files)
+        raise RecordingError(
+            f"{path}: not a ROS 2 bag of .mcap or .db3 files" + (f" (it lists {names})" if names else "")
+        )
+    for file in files:
+        if not _first_bytes(file):
+            raise RecordingError(f"{file}: the file is empty")
+    return BagRecording(path, files, kinds[files[0].suffix], topic)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Storage files in the order of metadata.yaml; without one, in that of their names.
+
+    Its storage identifier is not needed (and empty in some bags): extensions tell.
+    """
+    metadata = path / "metadata.yaml"
+    if not metadata.exists():
+        return sorted(file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+    try:
+        content = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        return [path / Path(name).name for name in content["relative_file_paths"]]
+    except (OSError, yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
+        reason = (str(error).splitlines() or [""])[0]
+        raise RecordingError(f"{metadata}: not the metadata of a bag ({type(error).__name__}: {reason})") from error

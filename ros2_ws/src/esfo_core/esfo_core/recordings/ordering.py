@@ -1,0 +1,78 @@
+"""Packets in, chunks of equal duration out, in strict time order."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+import numpy as np
+
+from esfo_core.codecs import MAX_STEP_BACK
+from esfo_core.errors import RecordingError
+from esfo_core.events import EventArray
+
+
+class TimeOrder:
+    """Merges packets that overlap in time and cuts them at multiples of `duration_ns` after the first event.
+
+    Events wait until one `MAX_STEP_BACK` later than the end of their chunk has come, so that none can be late: a
+    packet that steps back further raises RecordingError. Memory: one chunk and `MAX_STEP_BACK` of events.
+    out_of_order: events earlier than one of an earlier packet, sorted in.
+    """
+
+    def __init__(self, duration_ns: int) -> None:
+        if duration_ns <= 0:
+            raise ValueError(f"chunk duration {duration_ns} ns is not positive")
+        self.out_of_order = 0
+        self._duration = duration_ns
+        self._waiting: deque[EventArray] = deque()  # in time order, none overlapping another
+        self._end: int | None = None  # of the current chunk, ns
+
+    def push(self, events: EventArray) -> Iterator[EventArray]:
+        """Take the time-sorted events (N,) of the next packet; yield the chunks that are complete."""
+        if not len(events):
+            return
+        self._merge(events)
+        if self._end is None:
+            self._end = int(self._waiting[0]["t"][0]) + self._duration
+        yield from self._cut(int(self._waiting[-1]["t"][-1]) - MAX_STEP_BACK)
+
+    def flush(self) -> Iterator[EventArray]:
+        """Yield what is left: no packet follows."""
+        if self._waiting:
+            yield from self._cut(int(self._waiting[-1]["t"][-1]) + self._duration)
+
+    def _merge(self, events: EventArray) -> None:
+        if self._waiting:
+            latest, first = int(self._waiting[-1]["t"][-1]), int(events["t"][0])
+            if latest - first > MAX_STEP_BACK:
+                raise RecordingError(f"time steps back by {(latest - first) / 1e9:.6f} s, to {first} ns")
+            self.out_of_order += int(np.searchsorted(events["t"], latest))
+        overlapping = [events]
+        while self._waiting and self._waiting[-1]["t"][-1] > events["t"][0]:
+            overlapping.insert(0, self._waiting.pop())
+        if len(overlapping) > 1:
+            events = np.concatenate(overlapping)
+            events = events[np.argsort(events["t"], kind="stable")]
+        self._waiting.append(events)
+
+    def _cut(self, complete: int) -> Iterator[EventArray]:
+        """Yield the chunks that end at or before the time `complete`."""
+        while self._waiting and self._end is not None:
+            behind = int(self._waiting[0]["t"][0]) - self._end
+            if behind >= 0:  # nothing in this chunk: jump over the gap
+                self._end += (behind // self._duration + 1) * self._duration
+            if self._end > complete:
+                return
+            yield self._take(self._end)
+            self._end += self._duration
+
+    def _take(self, end: int) -> EventArray:
+        parts = []
+        while self._waiting and self._waiting[0]["t"][0] < end:
+            events = self._waiting.popleft()
+            count = int(np.searchsorted(events["t"], end))
+            parts.append(events[:count])
+            if count < len(events):
+                self._waiting.appendleft(events[count:])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)

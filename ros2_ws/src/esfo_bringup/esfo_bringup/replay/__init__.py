@@ -1,0 +1,1 @@
+"""Replays a recording into the ROS graph."""

@@ -44,8 +44,8 @@ class Activity:
         y, x = chosen["y"].astype(np.int64) // cell, chosen["x"].astype(np.int64) // cell
         flat = ((k * 2 + chosen["p"]) * rows + y) * columns + x
         counts = np.bincount(flat, minlength=bins * 2 * rows * columns)
-        counts = np.minimum(counts, np.iinfo(np.uint16).max).astype(np.uint16)
-        return Activity(t0, bin_ns, cell, counts.reshape(bins, 2, rows, columns))
+        saturated = np.minimum(counts, np.iinfo(np.uint16).max).astype(np.uint16)
+        return Activity(t0, bin_ns, cell, saturated.reshape(bins, 2, rows, columns))
 
     @staticmethod
     def concatenate(parts: Iterable[Activity]) -> Activity:

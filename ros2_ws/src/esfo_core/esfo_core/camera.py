@@ -96,10 +96,10 @@ class Camera:
         because a position made up there would be silently wrong.
         """
         focal, centre = np.array([self.K[0, 0], self.K[1, 1]]), np.array([self.K[0, 2], self.K[1, 2]])
-        target = (np.asarray(uv, np.float64) - centre) / focal
+        target: NDArray[np.float64] = (np.asarray(uv, np.float64) - centre) / focal
         if not self.D.any():
             return target
-        xy = target.copy()
+        xy: NDArray[np.float64] = target.copy()
         for _ in range(100):
             error = self.distort(xy) - target
             xy -= error

@@ -1,0 +1,71 @@
+"""The direct start: no COLMAP, only a search over the axis, because everything else follows from it.
+
+For a given axis and rate every point is a linear solve, so a coarse set of axes over the sphere is tried and each is
+adjusted with the rate held. Mirrored and wrong-axis optima come out as further local minima.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.adjust import Adjusted, adjust, linear_points
+from esfo_backend.errors import BackendError
+from esfo_backend.options import StartOptions
+from esfo_backend.problem import Observations, motion_from_axis
+from esfo_core.orbit import Matrix, Vector, angle_between
+
+_COARSE_ITERATIONS = 8
+_SAME_OPTIMUM_DEG = 2.0
+
+
+@dataclass(frozen=True)
+class DirectStart:
+    """best: the cheapest optimum. second: the next distinct one, None when every start ended in the same place."""
+
+    best: Adjusted
+    second: Adjusted | None
+
+
+def directions(count: int) -> Matrix:
+    """Spread `count` unit vectors (count, 3) evenly over the sphere (Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    longitude = np.pi * (1 + 5**0.5) * k
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(longitude), radius * np.sin(longitude), z], axis=1)
+
+
+def mean_direction(obs: Observations) -> Vector:
+    """Direction (3,) towards the middle of all rows."""
+    return np.append(np.median(obs.rows.xy, axis=0), 1.0)
+
+
+def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> DirectStart:
+    """Search the axis with the rate held at `rate_hz`. Raises BackendError when no start gives a finite cost."""
+    towards = mean_direction(obs)
+    coarse: list[Adjusted] = []
+    for axis in directions(options.axes):
+        if angle_between(axis, towards) < 1 or angle_between(-axis, towards) < 1:
+            continue
+        motion = motion_from_axis(axis, towards, rate_hz)
+        coarse.append(adjust(motion, linear_points(motion, obs), obs, options.cauchy_px, False, _COARSE_ITERATIONS))
+    coarse = sorted((c for c in coarse if np.isfinite(c.cost)), key=lambda c: c.cost)
+    if not coarse:
+        raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
+    optima: list[Adjusted] = []
+    for candidate in coarse:
+        if any(_same(candidate, o) for o in optima):
+            continue
+        finished = adjust(candidate.motion, candidate.y, obs, options.cauchy_px, False)
+        if not any(_same(finished, o) for o in optima):
+            optima.append(finished)
+        if len(optima) == 3:
+            break
+    optima.sort(key=lambda c: c.cost)
+    return DirectStart(optima[0], optima[1] if len(optima) > 1 else None)
+
+
+def _same(a: Adjusted, b: Adjusted) -> bool:
+    return angle_between(a.motion.axis, b.motion.axis) < _SAME_OPTIMUM_DEG

@@ -1,0 +1,97 @@
+"""Options of the back-end, one frozen dataclass per stage. ROS parameters and `-p` are made from these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from esfo_core.options import option
+
+
+@dataclass(frozen=True)
+class SpinRateOptions:
+    """How the period is found in the event stream."""
+
+    method: str = option("correlation", "way to the first rate", choices=("correlation", "fourier"))
+    fourier_window_s: float = option(
+        0.02, "window of the mean x in s (paper, Table 2: FFT sampling window)", 0.001, 1.0
+    )
+    min_overlap: float = option(0.25, "least share of the recording that two images a lag apart must cover", 0.05, 0.9)
+    min_correlation: float = option(0.25, "least correlation of images one period apart", 0.0, 1.0)
+    min_prominence: float = option(0.1, "least height of the correlation peak over the valleys beside it", 0.0, 1.0)
+    harmonic_z: float = option(5.0, "significance in std by which a period must beat its fractions", 0.0)
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """How the factor graph gets its first values."""
+
+    method: str = option("best", "start to use: the cheaper of both, or one", choices=("best", "colmap", "direct"))
+    axes: int = option(24, "axes over the sphere from which the direct start searches", 4, 500)
+    cauchy_px: float = option(2.0, "scale of the robust loss in px during the start", 0.1, 100.0)
+    min_rows: int = option(4, "rows that a track needs to take part", 2)
+    colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
+    colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
+    colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's cameras from the circle, in radii", 0.0)
+    colmap_turns: float = option(0.15, "largest difference between COLMAP's turns and the period's, relative", 0.0)
+
+
+@dataclass(frozen=True)
+class ReidentificationOptions:
+    """How tracks of the same point are recognised when it comes round again."""
+
+    enabled: bool = option(True, "merge tracks of the same point over time")
+    rounds: int = option(2, "merge rounds with the rate fixed, and again with it free", 0, 10)
+    neighbours: int = option(12, "nearest points that each point is compared with", 1, 100)
+    chi2: float = option(16.0, "largest squared Mahalanobis distance of two points that are one", 0.1)
+    rms_px: float = option(1.5, "largest RMS reprojection error in px of a merged point", 0.1)
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """The factor graph and what counts as a point of the object."""
+
+    cauchy_px: float = option(1.0, "scale of Cauchy's loss in px; 0 is plain least squares (paper)", 0.0, 100.0)
+    iterations: int = option(30, "largest number of Levenberg-Marquardt iterations", 1, 1000)
+    prune_px: float = option(2.5, "largest RMS reprojection error in px of a published point", 0.1)
+
+
+@dataclass(frozen=True)
+class VerdictOptions:
+    """When a result is trusted."""
+
+    min_points: int = option(10, "points without which there is no estimate", 4)
+    min_inliers: float = option(0.3, "share of tracks that must follow the motion", 0.0, 1.0)
+    max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
+    mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """When a live estimate is made anew."""
+
+    min_turns: float = option(1.35, "turns that must have been seen before the first estimate", 0.1)
+    interval_s: float = option(1.0, "sensor time in s between two estimates", 0.05)
+
+
+@dataclass(frozen=True)
+class BackendOptions:
+    """All options of the back-end."""
+
+    rate: SpinRateOptions = field(default_factory=SpinRateOptions)
+    start: StartOptions = field(default_factory=StartOptions)
+    reidentification: ReidentificationOptions = field(default_factory=ReidentificationOptions)
+    graph: GraphOptions = field(default_factory=GraphOptions)
+    verdict: VerdictOptions = field(default_factory=VerdictOptions)
+    live: LiveOptions = field(default_factory=LiveOptions)
+
+
+PRESETS: dict[str, BackendOptions] = {
+    "default": BackendOptions(),
+    "paper": BackendOptions(
+        rate=SpinRateOptions(method="fourier"),
+        start=StartOptions(method="colmap"),
+        reidentification=ReidentificationOptions(enabled=False),
+        graph=GraphOptions(cauchy_px=0.0),
+    ),
+}
+"""`paper`: the method as printed; it fails where COLMAP fails."""

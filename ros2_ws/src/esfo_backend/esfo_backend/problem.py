@@ -1,0 +1,123 @@
+"""The orbit problem in its minimal gauge: what is observed, and what is solved for.
+
+Motion has four observable parameters with known intrinsics. They are held as a rotation ``Q = [u v n]`` (three) and
+the rate f (one). The gauge: orbit radius 1, world origin at the foot of the camera's perpendicular on the axis, object
+coordinates y in the axes of Q at the reference time. Then, with ``theta = 2 pi f (t - t_ref)``,
+
+    X_camera(t) = Q (Rz(-theta) y - e_x)
+
+which is the paper's orbiting camera (equation 1) seen from the camera, exact for any time t.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_backend.errors import BackendError
+from esfo_core.camera import Camera
+from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector
+from esfo_core.tracks import Tracks
+
+REFERENCE_SIGMA_PX = 0.5
+"""Part of the error that no track knows of: the corner is not exactly a point of the object."""
+
+
+class Rows(NamedTuple):
+    """Rows of tracks, sorted by point, in the form that the kernels read.
+
+    dt: (N,) s from the reference time. xy: (N, 2) ideal plane coordinates. weight: (N,) in (0, 1], relative to a row
+    with no sigma of its own. first: (P + 1,) rows of point j are first[j]:first[j+1]. focal: (2,) px.
+    """
+
+    dt: Vector
+    xy: Matrix
+    weight: Vector
+    first: NDArray[np.int64]
+    focal: Vector
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Rows and the reference time t_ref in ns that they count from."""
+
+    rows: Rows
+    t_ref: int
+
+    @property
+    def points(self) -> int:
+        """Number of points."""
+        return len(self.rows.first) - 1
+
+    def point_index(self) -> NDArray[np.int64]:
+        """Point of each row, (N,)."""
+        return np.repeat(np.arange(self.points), np.diff(self.rows.first))
+
+    def regroup(self, label: NDArray[np.int64]) -> Observations:
+        """Merge points: point j becomes part of point label[j]; a negative label drops it."""
+        row_label = label[self.point_index()]
+        k = np.flatnonzero(row_label >= 0)
+        k = k[np.lexsort((self.rows.dt[k], row_label[k]))]
+        counts = np.bincount(row_label[k], minlength=int(label.max(initial=-1)) + 1)
+        first = np.concatenate([[0], np.cumsum(counts[counts > 0])])
+        dt, xy, weight, _, focal = self.rows
+        return Observations(Rows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
+
+
+def observations(tracks: Tracks, camera: Camera, min_rows: int) -> tuple[Observations, NDArray[np.uint32]]:
+    """Prepare tracks of at least `min_rows` rows; also return the track id of each point, (P,).
+
+    Raises BackendError when no track is long enough.
+    """
+    ordered = tracks.sorted()
+    ids, counts = np.unique(ordered.track_id, return_counts=True)
+    long_enough = np.repeat(counts >= min_rows, counts)
+    if not long_enough.any():
+        raise BackendError(f"none of {len(ids)} tracks has {min_rows} rows")
+    kept = ordered.select(long_enough)
+    counts = counts[counts >= min_rows]
+    t_ref = int(kept.t.min() + (kept.t.max() - kept.t.min()) // 2)
+    rows = Rows(
+        (kept.t - t_ref) / NANOSECONDS,
+        camera.unproject(kept.uv),
+        REFERENCE_SIGMA_PX / np.sqrt(REFERENCE_SIGMA_PX**2 + kept.sigma.astype(np.float64) ** 2),
+        np.concatenate([[0], np.cumsum(counts)]),
+        np.array([camera.K[0, 0], camera.K[1, 1]]),
+    )
+    return Observations(rows, t_ref), np.unique(kept.track_id)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The four motion parameters: Q (3, 3) = [u v n] and rate in Hz (positive)."""
+
+    Q: Matrix
+    rate_hz: float
+
+    @property
+    def axis(self) -> Vector:
+        """Spin axis in the camera frame, (3,)."""
+        return -self.Q[:, 2]
+
+
+def motion_from_axis(axis: Vector, towards: Vector, rate_hz: float) -> Motion:
+    """Motion about `axis` (3,) through an object seen in the direction `towards` (3,)."""
+    perpendicular = towards - (towards @ axis) * axis
+    length = np.linalg.norm(perpendicular)
+    if length < 1e-9:
+        raise BackendError(f"axis {axis.tolist()} passes through the camera")
+    u, n = -perpendicular / length, -axis
+    return Motion(np.stack([u, np.cross(n, u), n], axis=1), rate_hz)
+
+
+def spin_and_points(motion: Motion, y: Matrix, t_ref: int, t0: int) -> tuple[Spin, Matrix]:
+    """Leave the gauge: the spin about the point of the axis nearest the centroid, and (P, 3) points at time t0."""
+    theta = 2 * np.pi * motion.rate_hz * (t0 - t_ref) / NANOSECONDS
+    c, s = np.cos(theta), np.sin(theta)
+    turned = np.stack([c * y[:, 0] + s * y[:, 1], -s * y[:, 0] + c * y[:, 1], y[:, 2]], axis=1)
+    height = float(np.median(y[:, 2])) if len(y) else 0.0
+    center = motion.Q @ np.array([-1.0, 0.0, height])
+    return Spin(motion.axis, motion.rate_hz, center, t0), (turned - [0.0, 0.0, height]) @ motion.Q.T

@@ -1,0 +1,110 @@
+"""Options of every stage of the front-end, with the two presets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from esfo_core.errors import OptionError
+from esfo_core.options import check, option
+
+MILLISECOND = 1_000_000
+"""One millisecond in nanoseconds."""
+
+
+@dataclass(frozen=True)
+class CornerOptions:
+    """eFAST (Mueggler et al., BMVC 2017): lengths of the newest arc on the two circles, in ring pixels."""
+
+    shortest_inner: int = option(3, "shortest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
+    longest_inner: int = option(6, "longest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
+    shortest_outer: int = option(4, "shortest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
+    longest_outer: int = option(8, "longest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
+
+
+@dataclass(frozen=True)
+class DensityOptions:
+    """Filter on the local event density, D(e) of section 4.1."""
+
+    radius: float = option(7.0, "lambda: neighbourhood radius in (x, y, scaled t), px", 0.5, 50.0)
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """HDBSCAN in overlapping chunks of fixed duration."""
+
+    min_size: int = option(10, "minPts: smallest cluster, corners within one chunk", 2, 10_000)
+    epsilon: float = option(0.0, "clusters closer than this are not split, px in (x, y, scaled t)", 0.0, 1000.0)
+    chunk: float = option(80.0, "duration of a chunk, ms", 1.0, 60_000.0)
+    shared: float = option(20.0, "duration that neighbouring chunks share, ms; at most half a chunk", 0.0, 30_000.0)
+
+
+@dataclass(frozen=True)
+class JoinOptions:
+    """Head to tail joining of clusters (section 4.2)."""
+
+    radius: float = option(10.0, "phi: radius of the forward hemisphere in (x, y, scaled t), px", 0.0, 1000.0)
+    descriptor_size: int = option(5, "N_sigma: corners averaged into a head or a tail", 1, 1000)
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """Window means of the joined clusters (equation 5)."""
+
+    window: float = option(30.0, "delta t: duration of a window, ms", 0.1, 60_000.0)
+    min_corners: int = option(3, "windows of a track with fewer corners are dropped", 1, 1000)
+    min_sigma: float = option(0.25, "error of a row that averaging does not remove, px", 0.01, 10.0)
+    corner_sigma: float = option(1.0, "expected scatter of single corners about their track, px", 0.01, 50.0)
+
+
+@dataclass(frozen=True)
+class ActivityOptions:
+    """Coarse event counts, from which the back-end finds the period."""
+
+    bin: float = option(5.0, "duration of a time bin, ms", 0.1, 10_000.0)
+    cell: int = option(32, "edge of a square cell, px", 1, 4096)
+
+
+@dataclass(frozen=True)
+class FrontendOptions:
+    """Options of the whole front-end.
+
+    The paper measures distances in (x, y, t) without saying the unit of t. Here time is multiplied by one scale for
+    the density, the clusters and the joining alike; 1000 px/s is time in milliseconds.
+    """
+
+    time_scale: float = option(300.0, "pixels that one second counts in distances of (x, y, t), px/s", 0.1, 1e6)
+    corners: CornerOptions = field(default_factory=CornerOptions)
+    density: DensityOptions = field(default_factory=DensityOptions)
+    clusters: ClusterOptions = field(default_factory=ClusterOptions)
+    join: JoinOptions = field(default_factory=JoinOptions)
+    tracks: TrackOptions = field(default_factory=TrackOptions)
+    activity: ActivityOptions = field(default_factory=ActivityOptions)
+
+
+PRESETS: dict[str, FrontendOptions] = {
+    "default": FrontendOptions(),
+    "paper": FrontendOptions(
+        time_scale=1000.0,
+        clusters=ClusterOptions(epsilon=5.0),
+        join=JoinOptions(radius=30.0),
+        tracks=TrackOptions(min_corners=1),
+    ),
+}
+"""`paper` has the values of Table 2; `default` is what tracked simulated scenes with known motion better."""
+
+
+def check_options(options: FrontendOptions) -> None:
+    """Raise OptionError for a value outside its range or values that contradict each other."""
+    check(options)
+    clusters, corners = options.clusters, options.corners
+    if clusters.shared > clusters.chunk / 2:
+        raise OptionError(f"clusters.shared is {clusters.shared} ms, more than half of clusters.chunk {clusters.chunk}")
+    if corners.shortest_inner > corners.longest_inner:
+        raise OptionError(f"corners.shortest_inner is {corners.shortest_inner}, above {corners.longest_inner}")
+    if corners.shortest_outer > corners.longest_outer:
+        raise OptionError(f"corners.shortest_outer is {corners.shortest_outer}, above {corners.longest_outer}")
+
+
+def nanoseconds(milliseconds: float) -> int:
+    """Return a duration of the options as whole nanoseconds."""
+    return round(milliseconds * MILLISECOND)

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from esfo_core.codecs.base import Decoder
+from esfo_core.codecs.dat import DatDecoder
+from esfo_core.codecs.evt2 import Evt2Decoder
+from esfo_core.codecs.evt3 import Evt3Decoder
+from esfo_core.codecs.libcaer import LibcaerDecoder
+from esfo_core.codecs.libcaer_cmp import LibcaerCmpDecoder
 from esfo_core.codecs.mono import MonoDecoder
 from esfo_core.errors import RecordingError
 
 _DECODERS: dict[str, type[Decoder]] = {
+    "dat": DatDecoder,
+    "evt2": Evt2Decoder,
+    "evt3": Evt3Decoder,
+    "libcaer": LibcaerDecoder,
+    "libcaer_cmp": LibcaerCmpDecoder,
     "mono": MonoDecoder,
 }
 
-ENCODINGS = tuple(sorted(_DECODERS))
-"""Names of the encodings that `decoder` knows."""
+ENCODINGS = tuple(_DECODERS)
+"""Names of the encodings that `decoder` knows: those of `EventPacket`, and those of Prophesee files."""
 
 
 def decoder(encoding: str, width: int, height: int) -> Decoder:

@@ -25,7 +25,8 @@ class RecordingStatistics:
     events, events_on: events that came out, and those of them with polarity 1. first_t, last_t: ns, None before the
     first event. packets: packets or blocks decoded. packets_lost: missing by their sequence numbers.
     packets_damaged: packets that could not be read, skipped. out_of_order: events earlier than one of an earlier
-    packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole. decoder: counters of the decoder.
+    packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole.
+    decoder: counters of the decoder.
     """
 
     events: int = 0

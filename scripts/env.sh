@@ -15,9 +15,11 @@ if [ "$_esfo_ros" = wheels ]; then
     *":$_esfo_root/.venv:"*) ;;
     *) export AMENT_PREFIX_PATH="$_esfo_root/.venv${AMENT_PREFIX_PATH:+:$AMENT_PREFIX_PATH}" ;;
   esac
-elif [ -z "${ROS_DISTRO:-}" ]; then
-  source "$_esfo_ros/setup.bash"
 fi
 [ "${VIRTUAL_ENV:-}" = "$_esfo_root/.venv" ] || source "$_esfo_root/.venv/bin/activate"
-source "$_esfo_root/ros2_ws/install/local_setup.bash"
+if [ "$_esfo_ros" = wheels ]; then
+  source "$_esfo_root/ros2_ws/install/local_setup.bash"
+else
+  source "$_esfo_root/ros2_ws/install/setup.bash" # the ROS install and every workspace that was sourced at build time, too
+fi
 unset _esfo_root _esfo_ros

@@ -101,6 +101,13 @@ WRAPPER
 }
 
 mode=wheels
+last=$(cat "$venv/.esfo-ros" 2>/dev/null || true)
+if [[ -z ${ROS_DISTRO:-} && -n $last && -f $last/setup.bash ]]; then
+  # A new terminal on a machine where the workspace was built against an install: stay with that one.
+  set +u
+  source "$last/setup.bash"
+  set -u
+fi
 if [[ -n ${ROS_DISTRO:-} ]]; then
   [[ $ROS_DISTRO == jazzy ]] || fail "ROS 2 $ROS_DISTRO is sourced; this needs Jazzy, or a shell without ROS"
   command -v ros2 >/dev/null || fail "ROS_DISTRO is jazzy, but there is no ros2 command"

@@ -11,6 +11,7 @@ from esfo_core.codecs import Decoder, decoder
 from esfo_core.errors import CameraError, RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.bag_file import BagFile
+from esfo_core.recordings.cut_mcap import CutMcap, is_cut
 from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, camera_from_info
 from esfo_core.recordings.recording import Recording
 
@@ -26,13 +27,13 @@ class BagRecording(Recording):
 
     def __init__(self, path: Path, files: Sequence[Path], kind: str, topic: str | None = None) -> None:
         super().__init__(path, sum(file.stat().st_size for file in files))
-        self._files = [BagFile(file) for file in files]
+        self._files = [CutMcap(file) if file.suffix == ".mcap" and is_cut(file) else BagFile(file) for file in files]
         topics = self._topics(EVENT_PACKET)
-        self.topic = _choose(path, topics, topic)
+        self.topic = _choose(topics, topic)
         self._messages = topics[self.topic]
         first = next((m for m in self._all(self.topic, EVENT_PACKET) if m is not None), None)
         if first is None:
-            raise RecordingError(f"{path}: no readable message on the event topic {self.topic!r}")
+            raise RecordingError(f"no readable message on the event topic {self.topic!r}")
         self.width, self.height, self.encoding = int(first.width), int(first.height), str(first.encoding)
         self.format = f"{kind}, {self.encoding}"
         self._new_decoder()
@@ -47,6 +48,7 @@ class BagRecording(Recording):
         events_of = self._new_decoder()
         statistics = self.statistics
         statistics.decoder = events_of.statistics
+        statistics.bytes_lost = sum(file.bytes_lost for file in self._files)
         latest: int | None = None
         for message in self._all(self.topic, EVENT_PACKET):
             if message is None:
@@ -63,7 +65,7 @@ class BagRecording(Recording):
             try:
                 events = events_of.decode(message.events, int(message.time_base))
             except RecordingError as error:
-                raise RecordingError(f"{self.path}: packet {seq}: {error}") from error
+                raise RecordingError(f"packet {seq}: {error}") from error
             yield events
 
     def _all(self, topic: str, kind: str) -> Iterator[Any]:
@@ -81,17 +83,17 @@ class BagRecording(Recording):
         try:
             return decoder(self.encoding, self.width, self.height)
         except RecordingError as error:
-            raise RecordingError(f"{self.path}: topic {self.topic!r}: {error}") from error
+            raise RecordingError(f"topic {self.topic!r}: {error}") from error
 
     def _check_same(self, message: Any) -> None:
         found = (int(message.width), int(message.height), str(message.encoding))
         if found != (self.width, self.height, self.encoding):
             raise RecordingError(
-                f"{self.path}: packet {message.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
+                f"packet {message.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
                 f"{self.width}x{self.height} {self.encoding!r}"
             )
         if message.is_bigendian:
-            raise RecordingError(f"{self.path}: packet {message.seq} of {self.topic!r} is big-endian")
+            raise RecordingError(f"packet {message.seq} of {self.topic!r} is big-endian")
 
     def _find_camera(self) -> Camera | None:
         topics = self._topics(CAMERA_INFO)
@@ -107,23 +109,23 @@ class BagRecording(Recording):
             if topic != beside:  # another camera's
                 return None
             raise RecordingError(
-                f"{self.path}: {topic!r} is of {size[0]}x{size[1]} pixels, the events of {self.width}x{self.height}"
+                f"{topic!r} is of {size[0]}x{size[1]} pixels, the events of {self.width}x{self.height}"
             )
         try:
             return camera_from_info(info)
         except CameraError as error:
-            raise CameraError(f"{self.path}: {topic!r}: {error}") from error
+            raise CameraError(f"{topic!r}: {error}") from error
 
 
-def _choose(path: Path, topics: dict[str, int], wanted: str | None) -> str:
+def _choose(topics: dict[str, int], wanted: str | None) -> str:
     if not topics:
-        raise RecordingError(f"{path}: the bag has no topic of type {EVENT_PACKET}")
+        raise RecordingError(f"the bag has no topic of type {EVENT_PACKET}")
     names = ", ".join(sorted(topics))
     if wanted is not None and wanted not in topics:
-        raise RecordingError(f"{path}: no event topic {wanted!r}; event topics: {names}")
+        raise RecordingError(f"no event topic {wanted!r}; event topics: {names}")
     filled = [wanted] if wanted is not None else [topic for topic, count in topics.items() if count]
     if len(filled) > 1:
-        raise RecordingError(f"{path}: several event topics, choose one of {names}")
+        raise RecordingError(f"several event topics, choose one of {names}")
     if not filled or not topics[filled[0]]:
-        raise RecordingError(f"{path}: no messages on the event topic {filled[0] if filled else names}")
+        raise RecordingError(f"no messages on the event topic {filled[0] if filled else names}")
     return filled[0]

@@ -15,10 +15,14 @@ from esfo_core.recordings.messages import typestore
 
 
 class BagFile:
-    """One MCAP, SQLite or ROS 1 bag file, chosen by its extension and opened anew for each question."""
+    """One MCAP, SQLite or ROS 1 bag file, chosen by its extension and opened anew for each question.
+
+    bytes_lost: always zero; a file that can be read only in part is a `CutMcap`.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.bytes_lost = 0
         self._ros1 = path.suffix == ".bag"
 
     def topics(self, kind: str) -> dict[str, int]:
@@ -38,7 +42,7 @@ class BagFile:
             connections = [c for c in reader.connections if c.topic == topic and c.msgtype == kind]
             entries = reader.messages(connections=connections) if connections else iter(())
             while True:
-                with _one_error(self.path):
+                with _one_error(self.path.name):
                     entry = next(entries, None)
                 if entry is None:
                     return
@@ -51,18 +55,18 @@ class BagFile:
     @contextmanager
     def _open(self) -> Iterator[Any]:
         with ExitStack() as stack:
-            with _one_error(self.path):
+            with _one_error(self.path.name):
                 reader = Rosbag1Reader(self.path) if self._ros1 else Rosbag2Reader(self.path)
                 stack.enter_context(reader)
             yield reader
 
 
 @contextmanager
-def _one_error(path: Path) -> Iterator[None]:
+def _one_error(name: str) -> Iterator[None]:
     try:
         yield
     except EsfoError:
         raise
     except Exception as error:  # damaged bytes raise anything from struct.error to AssertionError
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
-        raise RecordingError(f"{path}: damaged or unreadable bag ({reason})") from error
+        raise RecordingError(f"damaged or unreadable bag file {name} ({reason})") from error

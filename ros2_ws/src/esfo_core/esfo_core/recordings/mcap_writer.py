@@ -22,6 +22,9 @@ LIBRARY = "esfo_core"
 PACKET_NS = 2_000_000
 PACKET_EVENTS = 8192  # 64 KiB of 8 bytes
 
+LATEST = 2**31 * 10**9 - 1
+"""Last time that `builtin_interfaces/Time` holds, ns."""
+
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 
 
@@ -46,7 +49,8 @@ def write_mcap(path: Path, chunks: Iterable[EventArray], camera: Camera) -> int:
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from error
     finally:
-        part.unlink(missing_ok=True)
+        if part.exists():
+            part.unlink()
     return count
 
 
@@ -103,6 +107,8 @@ def _checked(chunks: Iterable[EventArray], camera: Camera) -> Iterator[EventArra
                 f"pixel ({events['x'].max()}, {events['y'].max()}) lies outside {camera.width}x{camera.height}"
             )
         latest = int(times[-1])
+        if latest > LATEST:
+            raise RecordingError(f"time {latest} ns does not fit a ROS time stamp (at most {LATEST} ns)")
         yield events
 
 

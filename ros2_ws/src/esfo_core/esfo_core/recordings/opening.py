@@ -6,8 +6,9 @@ from pathlib import Path
 
 import yaml
 
-from esfo_core.errors import RecordingError
+from esfo_core.errors import CameraError, RecordingError
 from esfo_core.recordings.bag import BagRecording
+from esfo_core.recordings.prophesee import PropheseeRecording
 from esfo_core.recordings.recording import Recording
 
 _BAG_KINDS = {
@@ -26,25 +27,32 @@ def open_recording(path: Path, topic: str | None = None) -> Recording:
     Raises RecordingError when there is nothing to read at `path` or it is not of a known format, and CameraError when
     the calibration in a bag is impossible.
     """
-    if path.is_dir():
-        return _open_folder(path, topic)
+    try:
+        return _open_folder(path, topic) if path.is_dir() else _open_file(path, topic)
+    except (RecordingError, CameraError) as error:
+        raise type(error)(f"{path}: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{error.filename or path}: {error.strerror}") from error
+
+
+def _open_file(path: Path, topic: str | None) -> Recording:
     start = _first_bytes(path)
-    if not start:
-        raise RecordingError(f"{path}: the file is empty")
     for magic, (suffix, kind) in _BAG_KINDS.items():
         if start.startswith(magic):
             if path.suffix != suffix:
-                raise RecordingError(f"{path}: holds a {kind}, which needs the extension {suffix}")
+                raise RecordingError(f"holds a {kind}, which needs the extension {suffix}")
             return BagRecording(path, [path], kind, topic)
-    raise RecordingError(f"{path}: not a recording of a known format (it starts with {start[:12]!r})")
+    if start.startswith(b"% "):
+        return PropheseeRecording(path)
+    raise RecordingError(f"not a recording of a known format (it starts with {start[:12]!r})")
 
 
 def _first_bytes(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(64)
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from error
+    with path.open("rb") as file:
+        start = file.read(64)
+    if not start:
+        raise RecordingError(f"{path.name} is empty")
+    return start
 
 
 def _open_folder(path: Path, topic: str | None) -> Recording:
@@ -53,12 +61,9 @@ def _open_folder(path: Path, topic: str | None) -> Recording:
     suffixes = {file.suffix for file in files}
     if not files or len(suffixes) != 1 or not suffixes <= kinds.keys():
         names = ", ".join(file.name for file in files)
-        raise RecordingError(
-            f"{path}: not a ROS 2 bag of .mcap or .db3 files" + (f" (it lists {names})" if names else "")
-        )
+        raise RecordingError(f"the folder is no ROS 2 bag of .mcap or .db3 files (found: {names or 'none'})")
     for file in files:
-        if not _first_bytes(file):
-            raise RecordingError(f"{file}: the file is empty")
+        _first_bytes(file)
     return BagRecording(path, files, kinds[files[0].suffix], topic)
 
 
@@ -75,4 +80,4 @@ def _files_of(path: Path) -> list[Path]:
         return [path / Path(name).name for name in content["relative_file_paths"]]
     except (OSError, yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
         reason = (str(error).splitlines() or [""])[0]
-        raise RecordingError(f"{metadata}: not the metadata of a bag ({type(error).__name__}: {reason})") from error
+        raise RecordingError(f"metadata.yaml does not describe a bag ({type(error).__name__}: {reason})") from error

@@ -33,8 +33,6 @@ class TimeOrder:
         if not len(events):
             return
         self._merge(events)
-        if self._end is None:
-            self._end = int(self._waiting[0]["t"][0]) + self._duration
         yield from self._cut(int(self._waiting[-1]["t"][-1]) - MAX_STEP_BACK)
 
     def flush(self) -> Iterator[EventArray]:
@@ -58,10 +56,14 @@ class TimeOrder:
 
     def _cut(self, complete: int) -> Iterator[EventArray]:
         """Yield the chunks that end at or before the time `complete`."""
-        while self._waiting and self._end is not None:
-            behind = int(self._waiting[0]["t"][0]) - self._end
-            if behind >= 0:  # nothing in this chunk: jump over the gap
-                self._end += (behind // self._duration + 1) * self._duration
+        while self._waiting:
+            first = int(self._waiting[0]["t"][0])
+            if first > complete:  # and one still earlier may come
+                return
+            if self._end is None:
+                self._end = first + self._duration
+            elif first >= self._end:  # nothing in this chunk: jump over the gap
+                self._end += ((first - self._end) // self._duration + 1) * self._duration
             if self._end > complete:
                 return
             yield self._take(self._end)

@@ -66,16 +66,21 @@ class Recording(ABC):
         Steps back of up to `MAX_STEP_BACK` are sorted and counted. Raises RecordingError for a larger step back (after
         the chunks before it), for damage that ends the reading, and for a recording without any event.
         """
-        self.statistics = statistics = RecordingStatistics()
+        self.statistics = RecordingStatistics()
         order = TimeOrder(duration_ns)
-        for packet in self._packets():
-            for chunk in order.push(packet):
+        try:
+            for packet in self._packets():
+                for chunk in order.push(packet):
+                    yield self._counted(chunk)
+                self.statistics.out_of_order = order.out_of_order
+            for chunk in order.flush():
                 yield self._counted(chunk)
-            statistics.out_of_order = order.out_of_order
-        for chunk in order.flush():
-            yield self._counted(chunk)
-        if not statistics.events:
-            raise RecordingError(f"{self.path}: no events in {statistics.packets} packets of {self.format}")
+        except RecordingError as error:
+            raise RecordingError(f"{self.path}: {error}") from error
+        except OSError as error:
+            raise RecordingError(f"{self.path}: {error.strerror}") from error
+        if not self.statistics.events:
+            raise RecordingError(f"{self.path}: no events in {self.statistics.packets} packets of {self.format}")
 
     @abstractmethod
     def progress(self) -> float:
@@ -83,7 +88,10 @@ class Recording(ABC):
 
     @abstractmethod
     def _packets(self) -> Iterator[EventArray]:
-        """Decode the recording from its start; fill `statistics` but for the events and their order."""
+        """Decode the recording from its start; fill `statistics` but for the events and their order.
+
+        Raises RecordingError without the path, and OSError; `chunks` adds the path.
+        """
 
     def _counted(self, chunk: EventArray) -> EventArray:
         statistics = self.statistics

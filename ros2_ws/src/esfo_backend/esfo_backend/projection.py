@@ -67,6 +67,21 @@ def cauchy_weight(residual: Matrix, cauchy: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def linearize_stack(Q: Matrix, rate: float, y: Vector, rows: Rows, cauchy: float, power: int) -> Matrix:
+    """All rows of one point y (3,) as (2N, 8) blocks of `linearize_row`, times the root of the Cauchy weight^power.
+
+    power 1 is the weight of the iteration (IRLS); power 2 makes J^T J the mean second derivative of the loss. Rows
+    behind the camera are zero.
+    """
+    stack = np.zeros((2 * len(rows.dt), 8))
+    for k in range(len(rows.dt)):
+        block = stack[2 * k : 2 * k + 2]
+        if linearize_row(Q, rate, y, rows, k, block):
+            block *= np.sqrt(cauchy_weight(block, cauchy) ** power)
+    return stack
+
+
+@njit(cache=True, nogil=True)
 def row_errors(Q: Matrix, rate: float, y: Matrix, rows: Rows) -> Vector:
     """Unweighted reprojection error of each row in px, (N,); infinite behind the camera."""
     X = np.empty(3)

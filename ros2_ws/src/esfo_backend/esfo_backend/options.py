@@ -32,7 +32,7 @@ class StartOptions:
     colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
     colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
     colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's cameras from the circle, in radii", 0.0)
-    colmap_turns: float = option(0.15, "largest difference between COLMAP's turns and the period's, relative", 0.0)
+    colmap_rate: float = option(0.1, "largest relative difference of COLMAP's rate from the event stream's", 0.0)
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ReidentificationOptions:
     """How tracks of the same point are recognised when it comes round again."""
 
     enabled: bool = option(True, "merge tracks of the same point over time")
-    rounds: int = option(2, "merge rounds with the rate fixed, and again with it free", 0, 10)
+    rounds: int = option(4, "merge rounds with the rate fixed, and again with it free", 0, 10)
     neighbours: int = option(12, "nearest points that each point is compared with", 1, 100)
     chi2: float = option(16.0, "largest squared Mahalanobis distance of two points that are one", 0.1)
     rms_px: float = option(1.5, "largest RMS reprojection error in px of a merged point", 0.1)
@@ -59,7 +59,8 @@ class GraphOptions:
 class VerdictOptions:
     """When a result is trusted."""
 
-    min_points: int = option(10, "points without which there is no estimate", 4)
+    min_points: int = option(10, "points without which there is no estimate", 5)
+    min_recurring: int = option(5, "points that must have been seen again after half a turn or more", 0)
     min_inliers: float = option(0.3, "share of tracks that must follow the motion", 0.0, 1.0)
     max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
     mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)

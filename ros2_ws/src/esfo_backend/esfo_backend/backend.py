@@ -1,0 +1,261 @@
+"""The back-end: tracks and activity in, orbit out. All behaviour is here; nodes and commands only drive it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from esfo_backend.adjust import Adjusted, adjust
+from esfo_backend.covariance import motion_covariance
+from esfo_backend.direct import mean_direction
+from esfo_backend.errors import BackendError
+from esfo_backend.graph import GraphResult, optimise_graph
+from esfo_backend.options import BackendOptions
+from esfo_backend.problem import Observations, observations, spin_and_points
+from esfo_backend.projection import row_errors
+from esfo_backend.reidentify import Labels, point_rms, reidentify
+from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
+from esfo_backend.start import Start, choose_start
+from esfo_backend.verdict import Evidence, judge
+from esfo_core.activity import Activity
+from esfo_core.camera import Camera
+from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.options import check
+from esfo_core.orbit import NANOSECONDS
+from esfo_core.tracks import Tracks, TrackUpdate
+
+
+@dataclass
+class _Stopwatch:
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - begin, 3)
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """One point per label: the observations of each, the solution and which tracks (M,) belong to which point."""
+
+    obs: Observations
+    solution: Adjusted
+    label: Labels
+
+
+class Backend:
+    """Accumulates tracks and activity; estimates the orbit from all of them.
+
+    `add` and `due` are cheap and may be called from another thread than `solve`.
+    """
+
+    def __init__(self, camera: Camera, options: BackendOptions | None = None) -> None:
+        self.options = options or BackendOptions()
+        check(self.options)
+        self.camera = camera
+        self.last_start_note = ""
+        self._tracks: list[Tracks] = []
+        self._activity: list[Activity] = []
+        self._lock = threading.Lock()
+        self._solved_until: int | None = None
+        self._rate_hz: float | None = None
+
+    def add(self, update: TrackUpdate, activity: Activity | None) -> None:
+        """Take over what the front-end learnt."""
+        with self._lock:
+            if len(update.observations):
+                self._tracks.append(update.observations)
+            if activity is not None and len(activity.counts):
+                self._activity.append(activity)
+
+    def counts(self) -> tuple[int, int]:
+        """Numbers of track rows and of activity bins received."""
+        with self._lock:
+            return sum(len(t) for t in self._tracks), sum(len(a.counts) for a in self._activity)
+
+    def due(self) -> bool:
+        """True when enough sensor time has passed since the last estimate to make a new one."""
+        with self._lock:
+            if not self._activity or not self._tracks:
+                return False
+            begin, end = self._activity[0].t0, self._activity[-1].end
+        if self._rate_hz is not None and (end - begin) / NANOSECONDS * self._rate_hz < self.options.live.min_turns:
+            return False
+        since = begin if self._solved_until is None else self._solved_until
+        return end - since >= self.options.live.interval_s * NANOSECONDS
+
+    def update(self, update: TrackUpdate, activity: Activity | None) -> OrbitEstimate | None:
+        """`add`, then `solve` if an estimate is due."""
+        self.add(update, activity)
+        return self.solve() if self.due() else None
+
+    def solve(self) -> OrbitEstimate:
+        """Estimate the orbit from everything received so far; never raises for data that do not allow one."""
+        with self._lock:
+            tracks, pieces = Tracks.concatenate(self._tracks), list(self._activity)
+        if not pieces:
+            return OrbitEstimate.failure("no events were received")
+        activity = Activity.concatenate(pieces)
+        self._solved_until = activity.end
+        known = {
+            "tracks": len(np.unique(tracks.track_id)),
+            "observations": len(tracks),
+            "t_first": activity.t0,
+            "t_last": activity.end,
+        }
+        watch = _Stopwatch()
+        try:
+            return self._solve(tracks, activity, watch)
+        except BackendError as error:
+            return OrbitEstimate.failure(str(error), timing_s=watch.seconds, **known)
+
+    def _solve(self, tracks: Tracks, activity: Activity, watch: _Stopwatch) -> OrbitEstimate:
+        """Paper, section 5: rate, start, factor graph; between them the re-identification of docs/method.md."""
+        options = self.options
+        with watch.stage("spin_rate"):
+            rate = self._spin_rate(activity)
+        self._rate_hz = rate.rate_hz
+        turns = rate.rate_hz * (activity.end - activity.t0) / NANOSECONDS
+        if turns < options.live.min_turns:
+            raise BackendError(f"{turns:.2f} turns were seen; {options.live.min_turns} are needed")
+        obs, _ = observations(tracks, self.camera, options.start.min_rows)
+        with watch.stage("start"):
+            start = choose_start(tracks, obs, self.camera, rate.rate_hz, options)
+        self.last_start_note = start.colmap_note
+        with watch.stage("reidentification"):
+            structure = self._structure(start, obs)
+        with watch.stage("graph"):
+            structure = self._prune(structure)
+            result = optimise_graph(
+                structure.solution, structure.obs, options.graph.cauchy_px, options.graph.iterations
+            )
+        structure = replace(structure, solution=result.adjusted)
+        return self._estimate(structure, result, rate, start, activity, watch)
+
+    def _spin_rate(self, activity: Activity) -> SpinRate:
+        if self.options.rate.method == "fourier":
+            return SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
+        return correlation_rate(activity, self.options.rate)
+
+    def _structure(self, start: Start, obs: Observations) -> _Structure:
+        """Re-identify with the rate held, then free, then tighten the loss: the order that was measured best."""
+        o, loose = self.options, self.options.start.cauchy_px
+        solution, label = start.adjusted, np.arange(obs.points)
+        if not o.reidentification.enabled:
+            return _Structure(obs, solution, label)
+        solution, label = reidentify(solution, obs, label, o.reidentification, loose, False)
+        solution = adjust(solution.motion, solution.y, obs.regroup(label), loose)
+        solution, label = reidentify(solution, obs, label, o.reidentification, loose, True)
+        solution = adjust(solution.motion, solution.y, obs.regroup(label), o.graph.cauchy_px)
+        return _Structure(obs.regroup(label), solution, label)
+
+    def _prune(self, structure: _Structure) -> _Structure:
+        """Drop what is no fixed point of the object (silhouettes, false tracks), refit, and look once more."""
+        for _ in range(2):
+            motion, y = structure.solution.motion, structure.solution.y
+            errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
+            rms = point_rms(errors, structure.obs)
+            near = (
+                np.linalg.norm(y[:, :2], axis=1) < 1.0
+            )  # nothing of the object is farther from the axis than the camera
+            keep = (rms < self.options.graph.prune_px) & near
+            if keep.sum() < self.options.verdict.min_points:
+                raise BackendError(
+                    f"only {int(keep.sum())} of {len(keep)} points follow one rotation to "
+                    f"{self.options.graph.prune_px} px; {self.options.verdict.min_points} are needed"
+                )
+            new_label = np.where(keep, np.cumsum(keep) - 1, -1)
+            obs = structure.obs.regroup(new_label)
+            solution = adjust(motion, y[keep], obs, self.options.graph.cauchy_px)
+            label = np.where(structure.label >= 0, new_label[structure.label], -1)
+            structure = _Structure(obs, solution, label)
+        return structure
+
+    def _estimate(
+        self,
+        structure: _Structure,
+        result: GraphResult,
+        rate: SpinRate,
+        start: Start,
+        activity: Activity,
+        watch: _Stopwatch,
+    ) -> OrbitEstimate:
+        solution, obs, label = structure.solution, structure.obs, structure.label
+        covariance = motion_covariance(solution, obs, result.marginal, self.options.graph.cauchy_px)
+        errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
+        alternatives = _alternatives(rate, start)
+        inliers = label >= 0
+        verdict = judge(
+            Evidence(
+                solution.motion.rate_hz,
+                solution.motion.axis,
+                mean_direction(obs),
+                covariance,
+                obs.points,
+                _recurring(obs, solution.motion.rate_hz) if self.options.reidentification.enabled else None,
+                float(inliers.mean()),
+                alternatives,
+                min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
+            ),
+            self.options.verdict,
+        )
+        spin, points = spin_and_points(solution.motion, solution.y, obs.t_ref, activity.t0)
+        estimate = OrbitEstimate(
+            status=verdict.status,
+            flags=verdict.flags,
+            reason=verdict.reason,
+            spin=spin,
+            rate_std_hz=covariance.rate_std_hz,
+            axis_cov=covariance.axis_cov,
+            points=points,
+            point_rms_px=point_rms(errors, obs),
+            point_rows=np.diff(obs.rows.first),
+            tracks=int(inliers.sum()),
+            observations=len(obs.rows.dt),
+            revolutions=spin.rate_hz * (activity.end - activity.t0) / NANOSECONDS,
+            rms_px=float(np.sqrt(np.mean(errors**2))),
+            initialisation=start.name,
+            t_first=activity.t0,
+            t_last=activity.end,
+            alternatives=alternatives,
+            timing_s=watch.seconds,
+        )
+        if verdict.status != "failed":
+            return estimate
+        return OrbitEstimate.failure(
+            verdict.reason,
+            tracks=estimate.tracks,
+            observations=estimate.observations,
+            t_first=activity.t0,
+            t_last=activity.end,
+            alternatives=alternatives,
+            timing_s=watch.seconds,
+        )
+
+
+def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
+    found = [
+        Alternative("harmonic", h.rate_hz, np.zeros(3), rate.correlation / max(h.correlation, 1e-9))
+        for h in rate.harmonics
+    ]
+    if start.second is not None:
+        ratio = start.second.cost / max(start.adjusted.cost, 1e-12)
+        mirrored = start.second.motion.axis @ start.adjusted.motion.axis < 0
+        found.append(
+            Alternative("mirror" if mirrored else "axis", start.second.motion.rate_hz, start.second.motion.axis, ratio)
+        )
+    return tuple(found)
+
+
+def _recurring(obs: Observations, rate_hz: float) -> int:
+    """Number of points that were seen again after half a turn or more without being seen."""
+    dt, first = obs.rows.dt, obs.rows.first
+    half_turn = 0.5 / rate_hz
+    return sum(bool(np.diff(dt[first[j] : first[j + 1]]).max(initial=0.0) >= half_turn) for j in range(obs.points))

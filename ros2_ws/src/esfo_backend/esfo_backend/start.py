@@ -1,0 +1,74 @@
+"""First values for the factor graph: COLMAP (paper), the direct search, or whichever explains the tracks better."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from esfo_backend.adjust import Adjusted, adjust, linear_points
+from esfo_backend.colmap import ColmapStart, colmap_start
+from esfo_backend.direct import direct_start
+from esfo_backend.errors import BackendError
+from esfo_backend.options import BackendOptions
+from esfo_backend.problem import Motion, Observations
+from esfo_core.camera import Camera
+from esfo_core.tracks import Tracks
+
+StartName = Literal["colmap", "direct"]
+
+_TIE = 1e-3
+
+
+@dataclass(frozen=True)
+class Start:
+    """The start that is used, where it came from, and the next best optimum of another axis, if any.
+
+    colmap_note: what COLMAP found or why it was not used, for the log.
+    """
+
+    adjusted: Adjusted
+    name: StartName
+    second: Adjusted | None
+    colmap_note: str
+
+
+def choose_start(tracks: Tracks, obs: Observations, camera: Camera, rate_hz: float, options: BackendOptions) -> Start:
+    """Make the starts that the options ask for and take the one of lower robust cost; COLMAP's on a tie.
+
+    obs: one point per track. Raises BackendError when no start succeeds.
+    """
+    direct = None if options.start.method == "colmap" else direct_start(obs, rate_hz, options.start)
+    second = direct.second if direct else None
+    if options.start.method == "direct":
+        assert direct is not None
+        return Start(direct.best, "direct", second, "COLMAP was not asked for")
+    try:
+        model = colmap_start(tracks, camera, options.start)
+        motion = _accepted(model, rate_hz, options)
+    except BackendError as error:
+        if direct is None:
+            raise
+        return Start(direct.best, "direct", second, str(error))
+    free = options.rate.method == "fourier"
+    refined = adjust(motion, linear_points(motion, obs), obs, options.start.cauchy_px, free)
+    note = f"COLMAP registered {model.registered} of {model.views} views at {model.rms_px:.2f} px"
+    if direct is None or refined.cost <= direct.best.cost * (1 + _TIE):
+        return Start(refined, "colmap", second, note)
+    return Start(direct.best, "direct", second, f"{note}, at {refined.cost / direct.best.cost:.2f} times the cost")
+
+
+def _accepted(model: ColmapStart, rate_hz: float, options: BackendOptions) -> Motion:
+    """Check COLMAP's cameras against a circle and against the rate of the event stream.
+
+    The paper has no such check and takes the rate of the FFT: so does `rate.method = fourier`. Otherwise the rate of
+    the event stream is held, since it is far more precise than a phase slope.
+    """
+    motion = Motion(model.orbit.motion.Q, rate_hz)
+    if options.rate.method == "fourier":
+        return motion
+    if model.orbit.circle_residual > options.start.colmap_circle:
+        raise BackendError(f"COLMAP's cameras are {model.orbit.circle_residual:.0%} of the radius off a circle")
+    slope = model.orbit.motion.rate_hz
+    if abs(slope / rate_hz - 1) > options.start.colmap_rate:
+        raise BackendError(f"COLMAP's cameras turn at {slope:.4f} Hz, the event stream at {rate_hz:.4f} Hz")
+    return motion

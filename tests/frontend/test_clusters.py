@@ -1,5 +1,7 @@
 """Chunked clustering and its stitching."""
 
+import itertools
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -54,13 +56,26 @@ def test_clusters_go_on_through_many_chunks():
 def test_settled_corners_and_open_clusters_keep_their_promises():
     corners, _ = lines(200, noise=200)
     steps = run(corners, 30, ClusterOptions(chunk=40, shared=10))
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in itertools.pairwise(steps):
         assert (before.clusters.t < before.settled).all()
         assert (after.clusters.t >= before.settled).all()
     for i, step in enumerate(steps):
         later = set(np.concatenate([s.clusters.cluster_id for s in steps[i + 1 :]] or [[]]).tolist())
         earlier = set(np.concatenate([s.clusters.cluster_id for s in steps[: i + 1]]).tolist())
         assert (later & earlier) - {NOISE} <= step.open_ids
+
+
+def test_labels_change_over_in_the_middle_of_the_shared_part():
+    corners, _ = lines(120)
+    options = ClusterOptions(chunk=60, shared=20)
+    steps = run(corners, 40, options)
+    assert [s.settled // MS for s in steps[:2]] == [30, 70]
+    # Up to 30 ms the labels are those of the first chunk alone, from there to 70 ms those of 20 to 80 ms.
+    for step, (start, end) in zip(steps, [(0, 40), (20, 80)], strict=False):
+        chunk = corners[(corners["t"] >= start * MS) & (corners["t"] < end * MS)]
+        alone = cluster(chunk, 300.0, options)[np.isin(chunk["t"], step.clusters.t)]
+        pairs = set(zip(alone.tolist(), step.clusters.cluster_id.tolist(), strict=True))
+        assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs}) > 2
 
 
 def test_too_few_corners_are_noise():

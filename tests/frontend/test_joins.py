@@ -91,6 +91,11 @@ def test_head_without_a_full_descriptor_waits_while_its_cluster_is_open():
     assert out.complete_until == {0: 20 * MS}
 
 
+def test_cluster_that_ends_with_less_than_a_descriptor_is_a_track_too():
+    first, second = join([(blob(50, 50, 0, n=2), 0), (blob(52, 50, 3, n=1), 1)])
+    assert first == second == {0}
+
+
 def test_nothing_comes_before_a_time_declared_complete():
     joiner = ClusterJoiner(0, 1000.0, JoinOptions(radius=100.0))
     out = joiner.add(settled([(blob(50, 50, 0), 0)], until=10 * MS, open_ids=[0, 1]))

@@ -162,9 +162,9 @@ class Backend:
             motion, y = structure.solution.motion, structure.solution.y
             errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
             rms = point_rms(errors, structure.obs)
-            near = (
-                np.linalg.norm(y[:, :2], axis=1) < 1.0
-            )  # nothing of the object is farther from the axis than the camera
+            middle = np.array([0.0, 0.0, np.median(y[:, 2])])
+            # The camera, at distance |(1, middle)| from the middle of the object, is outside the object.
+            near = np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2])
             keep = (rms < self.options.graph.prune_px) & near
             if keep.sum() < self.options.verdict.min_points:
                 raise BackendError(
@@ -244,6 +244,7 @@ def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
     found = [
         Alternative("harmonic", h.rate_hz, np.zeros(3), rate.correlation / max(h.correlation, 1e-9))
         for h in rate.harmonics
+        if h.correlation > 0.1 * rate.correlation
     ]
     if start.second is not None:
         ratio = start.second.cost / max(start.adjusted.cost, 1e-12)

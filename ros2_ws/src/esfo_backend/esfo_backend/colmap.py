@@ -17,6 +17,9 @@ from esfo_core.camera import Camera
 from esfo_core.orbit import NANOSECONDS, Matrix, Vector
 from esfo_core.tracks import Tracks
 
+# A track set without a model is an answer here, not an error to print.
+pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
+
 _SEED = 1
 _MIN_SHARED = 8
 _WIDEST_PAIR = 12

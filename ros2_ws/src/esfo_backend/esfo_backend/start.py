@@ -16,7 +16,8 @@ from esfo_core.tracks import Tracks
 
 StartName = Literal["colmap", "direct"]
 
-_TIE = 1e-3
+_TIE = 0.01
+"""Relative cost below which two starts are the same optimum, reached to different depths."""
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from esfo_core.codecs import decoder
-from esfo_core.errors import RecordingError
 
 WIDTH, HEIGHT = 1280, 720
 COUNTERS = ("events", "triggers_rising", "triggers_falling", "out_of_range", "unsynchronised", "unknown_words")
@@ -98,7 +96,7 @@ def streams(draw):
         st.builds(lambda v: [0xA000 | v], value),
         st.builds(lambda c, v: [c << 12 | v], st.sampled_from([0x1, 0x7, 0x9, 0xB, 0xC, 0xD, 0xE, 0xF]), value),
     )
-    advance = st.tuples(st.integers(0, 9000), st.integers(0, 9))  # us on, steps of TIME_HIGH behind
+    advance = st.tuples(st.integers(0, 9000), st.integers(0, 10))  # us on, steps of TIME_HIGH behind
     t = draw(st.integers((1 << 24) - 40_000, (1 << 24) + 10_000))
     words = []
     for item in draw(st.lists(word | advance, max_size=80)):
@@ -133,21 +131,26 @@ def test_any_stream_cut_anywhere_equals_the_plain_decoder(words, data):
 
 def decode(words):
     d = decoder("evt3", WIDTH, HEIGHT)
-    return d.decode(np.array(words, "<u2"), 0) if words else None, d
+    return d.decode(np.array(words, "<u2")), d
 
 
 def test_time_goes_on_over_the_wrap_of_the_clock():
-    words = [0x0005]
     times = [5, (1 << 24) - 1, (1 << 24) + 7, (1 << 25) + 3]
+    words, t = [0x0005], 0
+    for wanted in times:
+        while wanted - t > 1 << 22:  # the sensor repeats its time many times per wrap
+            t += 1 << 22
+            words += time_words(t)
+        words += [*time_words(wanted), 0x2003]
     d = decoder("evt3", WIDTH, HEIGHT)
-    d.decode(np.array(words, "<u2"))
-    found = []
-    for t in times:  # one packet each; TIME_HIGH at least once per wrap
-        packet = [
-            w for s in range(0, 1 << 24, 1 << 22) if found and found[-1] + s < t for w in time_words(found[-1] + s)
-        ]
-        found.append(int(d.decode(np.array([*packet, *time_words(t), 0x2003], "<u2"))["t"][0]) // 1000)
-    assert found == times
+    found = [d.decode(np.array([word], "<u2"))["t"] for word in words]
+    assert (np.concatenate(found) // 1000).tolist() == times
+
+
+def test_a_high_time_up_to_ten_steps_old_is_noise_and_beyond_it_is_a_wrap():
+    for steps, expected in ((10, 100 - 10), (11, 100 - 11 + 4096)):
+        events, _ = decode([0x0001, *time_words(100 * 4096), *time_words((100 - steps) * 4096), 0x2001])
+        assert events["t"][0] == expected * 4096 * 1000
 
 
 def test_an_old_high_time_after_the_wrap_is_no_second_wrap():
@@ -160,20 +163,24 @@ def test_an_old_high_time_after_the_wrap_is_no_second_wrap():
     assert d.statistics.out_of_order == 1
 
 
-def test_nothing_is_emitted_before_time_and_row_are_known():
-    words = [0x6001, 0x2001, 0x8001, 0x2002, 0x6002, 0x2003, 0xA001, 0x4FFF, 0x0007, 0x2004]
+def test_nothing_is_emitted_before_high_and_low_time_and_row_are_known():
+    words = [0x0007, 0x6001, 0x2001, 0x8001, 0x2002, 0xA001, 0x6002, 0x4FFF, 0x2004, 0xA001]
     events, d = decode(words)
     assert as_rows(events) == [(4, 7, 0, (4096 + 2) * 1000)]
     assert d.statistics.unsynchronised == 3 + 12
     assert d.statistics.triggers_rising == 1
+    assert len(decode([*time_words(5), 0x2001])[0]) == 0
 
 
 def test_after_a_lost_packet_nothing_stale_is_emitted():
     d = decoder("evt3", WIDTH, HEIGHT)
-    d.decode(np.array([0x0005, 0x3010, *time_words((1 << 24) - 1), 0x2001], "<u2"))
+    t = 1 << 24
+    d.decode(np.array([0x0005, 0x3010, *time_words(t - 9), *time_words(t + 1), 0x2001], "<u2"))
     d.resynchronise()
-    events = d.decode(np.array([0x2002, 0x4001, *time_words((1 << 24) + 5), 0x2003, 0x0006, 0x2004], "<u2"))
-    assert as_rows(events) == [(4, 6, 0, ((1 << 24) + 5) * 1000)]  # and the wrap was still seen
+    stale = [0x2002, 0x4001, 0x6009, 0x0006, 0x2003]  # no row, no column, no high time
+    again = [*time_words(t - 1), 0x2004, *time_words(t + 5), 0x2005]  # an old high time is no wrap
+    events = d.decode(np.array(stale + again, "<u2"))
+    assert as_rows(events) == [(4, 6, 0, (t - 1) * 1000), (5, 6, 0, (t + 5) * 1000)]
     assert d.statistics.unsynchronised == 3
 
 
@@ -181,13 +188,3 @@ def test_an_odd_byte_is_counted():
     d = decoder("evt3", WIDTH, HEIGHT)
     d.decode(b"\x01\x80\x00", 0)
     assert d.statistics.trailing_bytes == 1
-
-
-def test_a_large_step_back_is_an_error():
-    words = [0x0001, *time_words(1_000_000), 0x2001, *time_words(900_000), 0x2001]
-    # Seen from the clock this is a wrap, not a step back: 16.7 s on.
-    events, _ = decode(words)
-    assert events["t"][1] > events["t"][0]
-    d = decoder("mono", WIDTH, HEIGHT)
-    with pytest.raises(RecordingError, match=r"0\.100000 s"):
-        d.decode(np.array([100_000_000, 0], "<u8"), 0)

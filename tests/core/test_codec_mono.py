@@ -67,6 +67,13 @@ def test_jitter_is_sorted_and_counted():
     assert d.statistics.out_of_order == 2
 
 
+def test_a_large_step_back_is_an_error():
+    d = decoder("mono", 10, 10)
+    assert len(d.decode(np.array([50_000_000, 0], "<u8"), 0)) == 2
+    with pytest.raises(RecordingError, match=r"back by 0\.050000 s inside a packet"):
+        d.decode(np.array([50_000_001, 0], "<u8"), 0)
+
+
 @pytest.mark.parametrize("base", [-1, 2**62, 2**64 - 1])
 def test_a_time_base_that_does_not_fit_is_refused(base):
     with pytest.raises(RecordingError, match=f"time base {base} ns"):

@@ -28,17 +28,17 @@ def some_events(n=20_000, start=0, seconds=0.4):
     return make_events(rng.integers(0, 64, n), rng.integers(0, 48, n), rng.integers(0, 2, n), t)
 
 
-def packet(events, seq=0, **changes):
+def packet(encoded, seq=0, **changes):
     fields = {
         "header": header(0, "camera"),
         "height": 48,
         "width": 64,
         "seq": seq,
-        "time_base": int(events["t"][0]) if len(events) else 0,
+        "time_base": int(encoded["t"][0]) if len(encoded) else 0,
         "encoding": "mono",
         "is_bigendian": False,
     }
-    fields["events"] = np.frombuffer(encode_mono(events, fields["time_base"]), np.uint8)
+    fields["events"] = np.frombuffer(encode_mono(encoded, fields["time_base"]), np.uint8)
     return STORE.serialize_cdr(STORE.types[EVENT_PACKET](**fields | changes), EVENT_PACKET)
 
 
@@ -158,6 +158,17 @@ def test_damaged_and_missing_packets_are_counted(tmp_path):
     s = recording.statistics
     assert (s.packets, s.packets_damaged, s.packets_lost) == (5, 1, 2 + 1)
     assert (np.concatenate(chunks) == np.concatenate([parts[i] for i in (0, 1, 2, 4, 7)])).all()
+
+
+@pytest.mark.parametrize("broken", [True, False])
+def test_a_loss_makes_a_stateful_decoder_wait(tmp_path, broken):
+    words = [[0x0003, 0x8001, 0x6001, 0x2005], [0x0004], [0x2006, 0x8001, 0x6002, 0x2007, 0x0008, 0x2009]]
+    none = some_events(0)
+    packets = [packet(none, i, encoding="evt3", events=np.array(w, "<u2").view("u1")) for i, w in enumerate(words)]
+    packets[1:2] = [packets[1][:30]] if broken else []
+    recording, chunks = everything(event_bag(tmp_path / "bag.mcap", *packets))
+    assert np.concatenate(chunks)[["x", "y"]].tolist() == [(5, 3), (9, 8)]
+    assert recording.statistics.decoder.unsynchronised == 2
 
 
 def test_a_cut_off_mcap_gives_its_whole_part(tmp_path):

@@ -114,6 +114,11 @@ def test_long_gaps_and_dense_moments_fit_packets(tmp_path):
     late = random_events(10, 1e-3, start=10**13)
     path = tmp_path / "gap.mcap"
     write_mcap(path, [dense, late], CAMERA)
+    with AnyReader([path]) as reader:
+        sizes = [
+            len(reader.deserialize(data, c.msgtype).events) for c, _, data in reader.messages(reader.connections[1:])
+        ]
+    assert sizes == [65536] * 4 + [8 * 40_000 - 4 * 65536, 8 * 10]
     assert (np.concatenate(list(open_recording(path).chunks())) == np.concatenate([dense, late])).all()
 
 

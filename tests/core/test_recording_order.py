@@ -55,6 +55,11 @@ def test_steps_back_are_counted():
     assert order.out_of_order == 2
 
 
+def test_equal_times_keep_the_order_of_their_packets():
+    chunks, _ = chunks_of([packet([0, 10], 0), packet([10, 20], 2), packet([5], 4)], MS)
+    assert chunks[0]["x"].tolist() == [0, 4, 1, 2, 3]
+
+
 def test_a_step_back_beyond_jitter_is_an_error():
     order = TimeOrder(MS)
     list(order.push(packet([200 * MS])))

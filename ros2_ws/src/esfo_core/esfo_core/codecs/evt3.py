@@ -38,7 +38,8 @@ HIGH_NOISE = 10
 # polarity.
 HIGH, LOW, T, Y, BASE, POLARITY = range(HEAD, HEAD + 6)
 
-SEEN_HIGH, SEEN_TIME, SEEN_Y, SEEN_BASE = 1, 2, 4, 8
+# STARTED: HIGH holds a time to count wraps from; the others: what has been seen since the last loss.
+STARTED, SEEN_HIGH, SEEN_TIME, SEEN_Y, SEEN_BASE = 1, 2, 4, 8, 16
 
 
 class Evt3Decoder(StateDecoder):
@@ -48,8 +49,8 @@ class Evt3Decoder(StateDecoder):
     state_size = 6
 
     def resynchronise(self) -> None:
-        """Forget address and low time bits; the high bits stay, to count wraps on."""
-        self._state[SEEN] &= SEEN_HIGH
+        """Wait for address and time anew; the latest time stays, to count wraps from."""
+        self._state[SEEN] &= STARTED
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         most_events, most_triggers = _room(words, _EVENTS_IN_WORD)
@@ -139,14 +140,15 @@ def _change(code, value, state):  # type: ignore[no-untyped-def]
     elif code == TIME_LOW:
         state[LOW] = value
         state[T] = (state[HIGH] * 4096 + value) * 1000
-        state[SEEN] |= (state[SEEN] & SEEN_HIGH) * SEEN_TIME
+        if state[SEEN] & SEEN_HIGH:
+            state[SEEN] |= SEEN_TIME
     elif code == TIME_HIGH:
         step = (value - state[HIGH]) % HIGH_PERIOD
-        if state[SEEN] & SEEN_HIGH and step >= HIGH_PERIOD - HIGH_NOISE:
+        if state[SEEN] & STARTED and step >= HIGH_PERIOD - HIGH_NOISE:
             step -= HIGH_PERIOD
         state[HIGH] += step
         state[T] = (state[HIGH] * 4096 + state[LOW]) * 1000
-        state[SEEN] |= SEEN_HIGH
+        state[SEEN] |= STARTED | SEEN_HIGH
     else:
         state[UNKNOWN] += 1
 

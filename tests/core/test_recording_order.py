@@ -77,7 +77,7 @@ def test_memory_is_bounded():
     waiting = 0
     for k in range(1000):
         list(order.push(packet(k * MS + np.arange(100) * 10_000)))
-        waiting = max(waiting, sum(len(p) for p in order._waiting))
+        waiting = max(waiting, sum(len(p) for p, _ in order._waiting))
     assert waiting <= 100 * (10 + 50 + 1)  # one chunk, the jitter, one packet
 
 

@@ -54,6 +54,7 @@ class BagRecording(Recording):
             if message is None:
                 statistics.packets_damaged += 1
                 events_of.resynchronise()
+                latest = None if latest is None else latest + 1  # it had a number too: damaged, not lost
                 continue
             self._check_same(message)
             seq = int(message.seq)

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from esfo_core.codecs import MAX_STEP_BACK
 from esfo_core.errors import RecordingError
@@ -25,7 +26,8 @@ class TimeOrder:
             raise ValueError(f"chunk duration {duration_ns} ns is not positive")
         self.out_of_order = 0
         self._duration = duration_ns
-        self._waiting: deque[EventArray] = deque()  # in time order, none overlapping another
+        # In time order, none overlapping another; each with its times as one block, quick to search.
+        self._waiting: deque[tuple[EventArray, NDArray[np.int64]]] = deque()
         self._end: int | None = None  # of the current chunk, ns
 
     def push(self, events: EventArray) -> Iterator[EventArray]:
@@ -33,31 +35,32 @@ class TimeOrder:
         if not len(events):
             return
         self._merge(events)
-        yield from self._cut(int(self._waiting[-1]["t"][-1]) - MAX_STEP_BACK)
+        yield from self._cut(int(self._waiting[-1][1][-1]) - MAX_STEP_BACK)
 
     def flush(self) -> Iterator[EventArray]:
         """Yield what is left: no packet follows."""
         if self._waiting:
-            yield from self._cut(int(self._waiting[-1]["t"][-1]) + self._duration)
+            yield from self._cut(int(self._waiting[-1][1][-1]) + self._duration)
 
     def _merge(self, events: EventArray) -> None:
-        if self._waiting:
-            latest, first = int(self._waiting[-1]["t"][-1]), int(events["t"][0])
-            if latest - first > MAX_STEP_BACK:
-                raise RecordingError(f"time steps back by {(latest - first) / 1e9:.6f} s, to {first} ns")
-            self.out_of_order += int(np.searchsorted(events["t"], latest))
-        overlapping = [events]
-        while self._waiting and self._waiting[-1]["t"][-1] > events["t"][0]:
-            overlapping.insert(0, self._waiting.pop())
-        if len(overlapping) > 1:
-            events = np.concatenate(overlapping)
+        times = np.ascontiguousarray(events["t"])
+        if self._waiting and self._waiting[-1][1][-1] > times[0]:
+            latest = int(self._waiting[-1][1][-1])
+            if latest - times[0] > MAX_STEP_BACK:
+                raise RecordingError(f"time steps back by {(latest - times[0]) / 1e9:.6f} s, to {times[0]} ns")
+            self.out_of_order += int(np.searchsorted(times, latest))
+            overlapping: list[EventArray] = []
+            while self._waiting and self._waiting[-1][1][-1] > times[0]:
+                overlapping.insert(0, self._waiting.pop()[0])
+            events = np.concatenate([*overlapping, events])
             events = events[np.argsort(events["t"], kind="stable")]
-        self._waiting.append(events)
+            times = np.ascontiguousarray(events["t"])
+        self._waiting.append((events, times))
 
     def _cut(self, complete: int) -> Iterator[EventArray]:
         """Yield the chunks that end at or before the time `complete`."""
         while self._waiting:
-            first = int(self._waiting[0]["t"][0])
+            first = int(self._waiting[0][1][0])
             if first > complete:  # and one still earlier may come
                 return
             if self._end is None:
@@ -71,10 +74,10 @@ class TimeOrder:
 
     def _take(self, end: int) -> EventArray:
         parts = []
-        while self._waiting and self._waiting[0]["t"][0] < end:
-            events = self._waiting.popleft()
-            count = int(np.searchsorted(events["t"], end))
+        while self._waiting and self._waiting[0][1][0] < end:
+            events, times = self._waiting.popleft()
+            count = int(np.searchsorted(times, end))
             parts.append(events[:count])
             if count < len(events):
-                self._waiting.appendleft(events[count:])
+                self._waiting.appendleft((events[count:], times[count:]))
         return parts[0] if len(parts) == 1 else np.concatenate(parts)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from esfo_core.events import EventArray, empty_events
 from esfo_frontend.options import DensityOptions
 
+_NONE = -1
+
 
 def neighbourhood(radius: float, time_scale: float) -> NDArray[np.int64]:
     """Return the ball of `radius` px as (M, 3) rows (dx px, dy px, half ns).
@@ -90,27 +92,28 @@ def count_neighbours(
     """
     width, height = size
     key = (events["p"].astype(np.int64) * height + events["y"]) * width + events["x"]
-    first = np.zeros(2 * width * height + 1, np.int64)
-    np.cumsum(np.bincount(key, minlength=2 * width * height), out=first[1:])
-    times = np.empty(len(events), np.int64)
-    _sort_by_pixel(key, np.ascontiguousarray(events["t"]), first[:-1].copy(), times)
+    newest = np.full(2 * width * height, _NONE, np.int32)
+    previous = np.empty(len(events), np.int32)
+    _link(key, newest, previous)
     x, y, p, t = (corners[name].astype(np.int64) for name in ("x", "y", "p", "t"))
     count = np.zeros(len(corners), np.int64)
-    _count(np.stack([x, y, p, t], axis=1), first, times, ball, (width, height), count)
+    linked = (newest, previous, np.ascontiguousarray(events["t"]))
+    _count(np.stack([x, y, p, t], axis=1), linked, ball, (width, height), count)
     return count
 
 
 @njit(cache=True, nogil=True)
-def _sort_by_pixel(key, t, place, times):  # type: ignore[no-untyped-def]
-    """Counting sort: write t (N,) into `times`, pixel by pixel; `place` is the next free row of each pixel."""
+def _link(key, newest, previous):  # type: ignore[no-untyped-def]
+    """Chain the events of each pixel: `newest` (pixels,) is its last event, `previous` (N,) the one before each."""
     for i in range(len(key)):
-        times[place[key[i]]] = t[i]
-        place[key[i]] += 1
+        previous[i] = newest[key[i]]
+        newest[key[i]] = i
 
 
 @njit(cache=True, nogil=True)
-def _count(corners, first, times, ball, size, count):  # type: ignore[no-untyped-def]
-    """Count for each row (x, y, polarity, t) of `corners` the times within each pixel's half-width of the ball."""
+def _count(corners, linked, ball, size, count):  # type: ignore[no-untyped-def]
+    """Count for each row (x, y, polarity, t) of `corners` the events within each pixel's half-width of the ball."""
+    newest, previous, times = linked
     width, height = size
     for i in range(len(corners)):
         x, y, p, t = corners[i]
@@ -118,7 +121,9 @@ def _count(corners, first, times, ball, size, count):  # type: ignore[no-untyped
             dx, dy, half = ball[j]
             if x + dx < 0 or x + dx >= width or y + dy < 0 or y + dy >= height:
                 continue
-            key = (p * height + y + dy) * width + x + dx
-            of_pixel = times[first[key] : first[key + 1]]
-            if len(of_pixel) > 0:
-                count[i] += np.searchsorted(of_pixel, t + half, "right") - np.searchsorted(of_pixel, t - half, "left")
+            k = newest[(p * height + y + dy) * width + x + dx]
+            while k != _NONE and times[k] > t + half:
+                k = previous[k]
+            while k != _NONE and times[k] >= t - half:
+                count[i] += 1
+                k = previous[k]

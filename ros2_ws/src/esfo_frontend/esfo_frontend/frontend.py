@@ -62,7 +62,7 @@ class Frontend:
     def __init__(self, width: int, height: int, options: FrontendOptions = FrontendOptions()) -> None:  # noqa: B008
         """Prepare for a sensor of width x height px. Raises OptionError for impossible options."""
         check_options(options)
-        self._size, self._options = (width, height), options
+        self._size, self._options = (int(width), int(height)), options
         self._stream: _Stream | None = None
         self._next_cluster = self._next_track = 0
         self._last_t: int | None = None

@@ -11,13 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS, Vector
+from esfo_core.orbit import NANOSECONDS, Matrix, Vector
 
 _UPSAMPLING = 16
+_SMOOTHING_BINS = 1.5
+_MARGIN = 8
+"""Bins: the shortest period, and the reach of the interpolation at the ends of the recording."""
 _LARGEST_HARMONIC = 12
 
 
@@ -72,43 +76,51 @@ def fourier_rate(activity: Activity, window_s: float) -> float:
 def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
     """Rate in Hz from the lag at which the event images correlate best (method: docs/method.md).
 
-    A multiple of the period correlates as well as the period itself, so the peak is divided by 2..12 as long as the
-    shorter lag is not significantly worse. Raises BackendError when no lag stands out: nothing here repeats.
+    A multiple of the period correlates as well as the period itself, so the best lag is divided by 12, 11, .. 2 until
+    the shorter lag is not significantly worse. Raises BackendError when no lag stands out: nothing here repeats.
     """
     features = _features(activity)
-    if features.shape[1] == 0 or len(features) < 8:
+    if features.shape[1] == 0 or len(features) < 4 * _MARGIN:
         raise BackendError(f"{len(features)} bins of activity are too few to look for a period")
     longest = int(len(features) * (1 - options.min_overlap))
     r = _autocorrelation(features, longest)
     peaks = _peaks(r)
     if not len(peaks):
         raise BackendError("the event stream does not repeat: its correlation has no peak")
-    best = int(peaks[np.argmax(r[peaks])])
-    lag, harmonics = _fundamental(features, r, peaks, best, options)
-    prominence = _prominence(r, lag)
-    if r[lag] < options.min_correlation or prominence < options.min_prominence:
-        raise BackendError(
-            f"the event stream does not repeat: best correlation {r[lag]:.2f} (prominence {prominence:.2f}) "
-            f"at a lag of {lag * activity.bin / NANOSECONDS:.3f} s"
-        )
-    bins = _refine(features, r, lag, longest)
+    best = _interpolated_peak(features, int(peaks[np.argmax(r[peaks])]))
     in_hz = NANOSECONDS / activity.bin
-    return SpinRate(
-        in_hz / bins,
-        float(r[lag]),
-        prominence,
-        tuple(Harmonic(in_hz / h.rate_hz, h.correlation, h.z) for h in harmonics),
-    )
+    lag, multiples = best, []
+    for divisor in range(_LARGEST_HARMONIC, 1, -1):
+        if best / divisor >= _MARGIN and _significance(features, best, best / divisor) < options.harmonic_z:
+            lag = best / divisor
+            multiples = [Harmonic(in_hz / best, _correlation(r, best), 0.0)]
+            break
+    correlation, prominence = _correlation(r, lag), _prominence(r, round(lag))
+    if correlation < options.min_correlation or prominence < options.min_prominence:
+        raise BackendError(
+            f"the event stream does not repeat: best correlation {correlation:.2f} (prominence {prominence:.2f}) "
+            f"at a lag of {lag / in_hz:.3f} s"
+        )
+    fractions = [
+        Harmonic(k * in_hz / lag, _correlation(r, lag / k), _significance(features, lag, lag / k))
+        for k in range(2, _LARGEST_HARMONIC + 1)
+        if lag / k >= _MARGIN
+    ]
+    considered = sorted((h for h in multiples + fractions if h.correlation > 0), key=lambda h: -h.correlation)
+    return SpinRate(in_hz / _refine(features, r, lag, longest), correlation, prominence, tuple(considered))
 
 
-def _features(activity: Activity) -> NDArray[np.float64]:
-    """(B, F) square roots of the counts (which evens out their Poisson noise), mean over time removed."""
+def _features(activity: Activity) -> Matrix:
+    """(B, F) square roots of the counts (which evens out their Poisson noise), smoothed, mean over time removed.
+
+    Smoothing over a few bins limits the band, so that lags between two bins can be interpolated.
+    """
     flat = np.sqrt(activity.counts.reshape(len(activity.counts), -1).astype(np.float64))
-    flat = flat[:, flat.any(axis=0)]
-    return np.asarray(flat - flat.mean(axis=0))
+    smooth = gaussian_filter1d(flat[:, flat.any(axis=0)], _SMOOTHING_BINS, axis=0)
+    return np.asarray(smooth - smooth.mean(axis=0))
 
 
-def _autocorrelation(features: NDArray[np.float64], longest: int) -> Vector:
+def _autocorrelation(features: Matrix, longest: int) -> Vector:
     """Correlation r (longest + 1,) of the images over lags in bins, each over the part where both exist."""
     n = len(features)
     spectrum = np.abs(np.fft.rfft(features, 2 * n, axis=0)) ** 2
@@ -120,88 +132,79 @@ def _autocorrelation(features: NDArray[np.float64], longest: int) -> Vector:
     return r
 
 
+def _correlation(r: Vector, lag: float) -> float:
+    """Correlation at a lag between two bins."""
+    return float(np.interp(lag, np.arange(len(r)), r))
+
+
 def _peaks(r: Vector) -> NDArray[np.int64]:
     """Local maxima of r after its first descent."""
     rising = np.flatnonzero(np.diff(r) > 0)
     if not len(rising):
         return np.empty(0, np.int64)
-    inner = np.arange(max(1, int(rising[0])), len(r) - 1)
+    inner = np.arange(max(_MARGIN, int(rising[0])), len(r) - 1)
     return np.asarray(inner[(r[inner] >= r[inner - 1]) & (r[inner] > r[inner + 1])])
 
 
 def _prominence(r: Vector, lag: int) -> float:
-    """Height of r[lag] over the higher of the lowest points on its two sides."""
-    right = r[lag : min(len(r), 2 * lag)].min()
-    return float(r[lag] - max(r[:lag].min(), right)) if right < r[lag] else float(r[lag] - r[:lag].min())
+    """Height of r[lag] over the lowest point before it, or after it within one lag if that is higher."""
+    before, after = r[:lag].min(), r[lag : 2 * lag].min()
+    return float(r[lag] - (max(before, after) if after < r[lag] else before))
 
 
-def _fundamental(
-    features: NDArray[np.float64], r: Vector, peaks: NDArray[np.int64], best: int, options: SpinRateOptions
-) -> tuple[int, list[Harmonic]]:
-    """Divide the best lag while the shorter one explains the stream as well; list what was turned down.
-
-    The harmonics carry lags in bins in place of rates.
-    """
-    lag = best
-    tested: list[Harmonic] = []
-    for divisor in range(_LARGEST_HARMONIC, 1, -1):
-        near = peaks[np.abs(peaks - best / divisor) <= max(2.0, 0.02 * best / divisor)]
-        if not len(near):
-            continue
-        shorter = int(near[np.argmax(r[near])])
-        z = _significance(features, best, shorter)
-        if z < options.harmonic_z:
-            lag = shorter
-            break
-        tested.append(Harmonic(float(shorter), float(r[shorter]), z))
-    if lag != best:
-        # Divisors of the best lag that were turned down were compared with a lag of the same kind as the new one.
-        tested = [h for h in tested if h.rate_hz < lag]
-        tested.append(Harmonic(float(best), float(r[best]), 0.0))
-    return lag, sorted(tested, key=lambda h: -h.correlation)
-
-
-def _significance(features: NDArray[np.float64], lag: int, shorter: int) -> float:
+def _significance(features: Matrix, lag: float, shorter: float) -> float:
     """Standard deviations by which images `lag` apart are more alike than images `shorter` apart.
 
-    Under the hypothesis that both are periods the two differ from the reference image by noise alone.
+    Under the hypothesis that both are periods the two differ from the reference image by noise alone, which is
+    independent but for the smoothing.
     """
-    n = len(features) - lag
-    difference = features[:n] * (features[lag : lag + n] - features[shorter : shorter + n])
-    spread = np.sqrt((difference**2).sum())
+    n = len(features) - int(np.ceil(lag)) - _MARGIN
+    rows = slice(_MARGIN, n)
+    if n <= 2 * _MARGIN:
+        return np.inf
+    # Blurred over a few degrees: a lag between two bins must not look worse than one on a bin.
+    coarse = max(_SMOOTHING_BINS, min(4.0, 0.03 * shorter))
+    features = gaussian_filter1d(features, np.sqrt(max(coarse**2 - _SMOOTHING_BINS**2, 1e-4)), axis=0)
+    difference = features[rows] * (_shifted(features, lag)[rows] - _shifted(features, shorter)[rows])
+    correlated = 2 * np.sqrt(np.pi) * coarse
+    spread = np.sqrt(correlated * (difference**2).sum())
     return float(difference.sum() / spread) if spread > 0 else 0.0
 
 
-def _refine(features: NDArray[np.float64], r: Vector, lag: int, longest: int) -> float:
-    """Period in bins, below the bin, from the largest multiple of the lag that still correlates.
+def _shifted(features: Matrix, lag: float) -> Matrix:
+    """Features at time + lag, band-limited interpolation between bins; rows within _MARGIN of the end are not valid."""
+    size = 2 * len(features)
+    phase = np.exp(2j * np.pi * np.fft.rfftfreq(size) * lag)
+    return np.asarray(np.fft.irfft(np.fft.rfft(features, size, axis=0) * phase[:, None], size, axis=0)[: len(features)])
 
-    The lag is read from the band-limited interpolation of the correlation: a parabola through three bins is biased by
-    the fraction of a bin.
-    """
-    period = _interpolated_peak(features, lag)
+
+def _refine(features: Matrix, r: Vector, lag: float, longest: int) -> float:
+    """Period in bins from the largest multiple of the lag that still correlates: that divides the error."""
+    period = lag
     multiple = 2
-    while multiple * period <= longest:
-        guess = round(multiple * period)
-        window = np.arange(max(guess - 2, 1), min(guess + 3, longest + 1))
-        at = int(window[np.argmax(r[window])])
-        if r[at] < 0.9 * r[lag] or at in (window[0], window[-1]):
+    while multiple * period <= longest - 2:
+        at = round(multiple * period)
+        found = _interpolated_peak(features, at)
+        if r[at] < 0.9 * r[round(lag)] or abs(found - at) > 2:
             break
-        period = _interpolated_peak(features, at) / multiple
+        period = found / multiple
         multiple += 1
     return period
 
 
-def _interpolated_peak(features: NDArray[np.float64], lag: int) -> float:
-    """Lag in bins of the maximum of the products near `lag`, by zero-padding the spectrum 16 times."""
-    margin = 4
+def _interpolated_peak(features: Matrix, lag: int) -> float:
+    """Lag in bins of the maximum of the products near `lag`, by zero-padding the spectrum 16 times.
+
+    All lags are compared over the same reference rows, so that the growing overlap does not pull the maximum.
+    """
+    margin = min(4, lag)
     n = len(features) - lag - margin
-    if n < 2 * margin or lag < margin:
+    if n < 2 * margin:
         return float(lag)
     reference, later = features[:n], features[lag - margin : lag + n + margin]
     size = 2 * len(later)
     cross = (np.conj(np.fft.rfft(reference, size, axis=0)) * np.fft.rfft(later, size, axis=0)).sum(axis=1)
-    fine = np.fft.irfft(cross, size * _UPSAMPLING)
-    near = fine[: (2 * margin + 1) * _UPSAMPLING]
+    near = np.fft.irfft(cross, size * _UPSAMPLING)[: 2 * margin * _UPSAMPLING + 1]
     k = int(np.clip(np.argmax(near), 1, len(near) - 2))
     left, middle, right = near[k - 1 : k + 2]
     curve = left - 2 * middle + right

@@ -8,13 +8,17 @@ from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.orbit import NANOSECONDS, Matrix, Spin
 
+_STEPS = 4
+"""Positions per bin: a fast point crosses several cells in one bin."""
+_EVENTS_PER_PX = 4.0
+
 
 def synthetic_activity(
     spin: Spin, points: Matrix, camera: Camera, duration_s: float, bin_s: float = 0.005, cell: int = 32, seed: int = 0
 ) -> Activity:
     """Let each of (P, 3) surface points of a ball about `spin.center` make events while it faces the camera.
 
-    A point makes Poisson-distributed counts in proportion to its image speed, of a polarity of its own; every cell
+    A point makes Poisson-distributed counts, 4 for each pixel that it travels, of a polarity of its own; every cell
     gets noise of 0.05 events per bin.
     """
     rng = np.random.default_rng(seed)
@@ -22,15 +26,16 @@ def synthetic_activity(
     bins = round(duration_s / bin_s)
     polarity = rng.integers(0, 2, len(points))
     expected = np.full((bins, 2, rows, columns), 0.05)
-    before = None
-    for b in range(bins):
-        X = spin.transform(points, spin.t0 + round((b + 0.5) * bin_s * NANOSECONDS))
+    step_s = bin_s / _STEPS
+    before = camera.project(spin.transform(points, spin.t0 - round(0.5 * step_s * NANOSECONDS)))
+    for k in range(bins * _STEPS):
+        X = spin.transform(points, spin.t0 + round((k + 0.5) * step_s * NANOSECONDS))
         uv = camera.project(X)
         facing = np.einsum("ij,ij->i", X - spin.center, X) < 0
         inside = facing & ((uv >= 0) & (uv < [camera.width, camera.height])).all(axis=1)
-        speed = np.zeros(len(points)) if before is None else np.linalg.norm(uv - before, axis=1)
+        travelled = np.linalg.norm(uv - before, axis=1)
         before = uv
         y, x = (uv[inside] // cell).astype(int).T[::-1]
-        np.add.at(expected[b], (polarity[inside], y, x), 4 * speed[inside])
+        np.add.at(expected[k // _STEPS], (polarity[inside], y, x), _EVENTS_PER_PX * travelled[inside])
     counts = np.minimum(rng.poisson(expected), np.iinfo(np.uint16).max).astype(np.uint16)
     return Activity(spin.t0, round(bin_s * NANOSECONDS), cell, counts)

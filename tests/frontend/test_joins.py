@@ -71,7 +71,7 @@ def test_time_scale_sets_the_reach_in_time():
 
 
 def test_stream_waits_for_heads_that_may_still_come():
-    joiner = ClusterJoiner(0, 1000.0, JoinOptions())
+    joiner = ClusterJoiner(0, 1000.0, JoinOptions(radius=10.0))
     out = joiner.add(settled([(blob(50, 50, 0), 0)], until=5 * MS))
     assert out.ended == []
     assert out.track_id.tolist() == [0] * 6

@@ -86,44 +86,44 @@ class DensityFilter:
 def count_neighbours(
     corners: EventArray, events: EventArray, ball: NDArray[np.int64], size: tuple[int, int]
 ) -> NDArray[np.int64]:
-    """Return (N,) how many of `events` (time-sorted) of the same polarity lie in the `ball` about each corner.
+    """Return (N,) how many of the `events` of its polarity lie in the `ball` about each corner; both by time.
 
     ball: as from `neighbourhood`. size: width and height in px. A corner that is itself an event counts itself.
     """
     width, height = size
     key = (events["p"].astype(np.int64) * height + events["y"]) * width + events["x"]
     newest = np.full(2 * width * height, _NONE, np.int32)
-    previous = np.empty(len(events), np.int32)
-    _link(key, newest, previous)
     x, y, p, t = (corners[name].astype(np.int64) for name in ("x", "y", "p", "t"))
     count = np.zeros(len(corners), np.int64)
-    linked = (newest, previous, np.ascontiguousarray(events["t"]))
-    _count(np.stack([x, y, p, t], axis=1), linked, ball, (width, height), count)
+    _count((x, y, p, t), (key, np.ascontiguousarray(events["t"])), newest, ball, size, count)
     return count
 
 
 @njit(cache=True, nogil=True)
-def _link(key, newest, previous):  # type: ignore[no-untyped-def]
-    """Chain the events of each pixel: `newest` (pixels,) is its last event, `previous` (N,) the one before each."""
-    for i in range(len(key)):
-        previous[i] = newest[key[i]]
-        newest[key[i]] = i
+def _count(corners, events, newest, ball, size, count):  # type: ignore[no-untyped-def]
+    """Count for each corner (columns x, y, polarity, t) the events (key of pixel and polarity, t), both by time.
 
-
-@njit(cache=True, nogil=True)
-def _count(corners, linked, ball, size, count):  # type: ignore[no-untyped-def]
-    """Count for each row (x, y, polarity, t) of `corners` the events within each pixel's half-width of the ball."""
-    newest, previous, times = linked
+    The events of a pixel are chained from the newest back: `newest` holds the last one of each key, from -1 on. They
+    are entered only as far as the next corner reaches, so that a walk along the chain meets few later events.
+    """
+    x, y, p, t = corners
+    key, times = events
     width, height = size
-    for i in range(len(corners)):
-        x, y, p, t = corners[i]
+    reach = ball[:, 2].max()
+    previous = np.empty(len(key), np.int32)
+    entered = 0
+    for i in range(len(t)):
+        while entered < len(key) and times[entered] <= t[i] + reach:
+            previous[entered] = newest[key[entered]]
+            newest[key[entered]] = entered
+            entered += 1
         for j in range(len(ball)):
-            dx, dy, half = ball[j]
-            if x + dx < 0 or x + dx >= width or y + dy < 0 or y + dy >= height:
+            column, row, half = x[i] + ball[j, 0], y[i] + ball[j, 1], ball[j, 2]
+            if column < 0 or column >= width or row < 0 or row >= height:
                 continue
-            k = newest[(p * height + y + dy) * width + x + dx]
-            while k != _NONE and times[k] > t + half:
+            k = newest[(p[i] * height + row) * width + column]
+            while k != _NONE and times[k] > t[i] + half:
                 k = previous[k]
-            while k != _NONE and times[k] >= t - half:
+            while k != _NONE and times[k] >= t[i] - half:
                 count[i] += 1
                 k = previous[k]

@@ -42,7 +42,7 @@ class ClusterOptions:
 class JoinOptions:
     """Head to tail joining of clusters (section 4.2)."""
 
-    radius: float = option(10.0, "phi: radius of the forward hemisphere in (x, y, scaled t), px", 0.0, 1000.0)
+    radius: float = option(5.0, "phi: radius of the forward hemisphere in (x, y, scaled t), px", 0.0, 1000.0)
     descriptor_size: int = option(5, "N_sigma: corners averaged into a head or a tail", 1, 1000)
 
 

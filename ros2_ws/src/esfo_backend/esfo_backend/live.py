@@ -1,0 +1,135 @@
+"""The back-end on live topics: waits for the camera, and begins anew when time goes back."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.backend import Backend
+from esfo_backend.options import BackendOptions
+from esfo_core.activity import Activity
+from esfo_core.camera import Camera
+from esfo_core.errors import CameraError, EsfoError
+from esfo_core.estimate import OrbitEstimate
+from esfo_core.options import option
+from esfo_core.tracks import Tracks, TrackUpdate
+
+RESTART_NS = 1_000_000_000
+"""Activity that goes back by more than this is a new stream (a bag that loops)."""
+
+MAX_WAITING = 20_000
+"""Messages kept while the camera is unknown."""
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """What the node itself needs."""
+
+    object_frame: str = option("object", "name of the object's frame")
+    idle_solve_s: float = option(1.0, "wall time without news after which all is solved once more, s; 0: never", 0.0)
+
+
+class LiveBackend:
+    """Feeds a back-end with what the topics bring, in the order in which it comes.
+
+    observations, activity_bins: received since the start. dropped: messages dropped while the camera was unknown.
+    restarts: how often time went back.
+    """
+
+    def __init__(self, options: BackendOptions) -> None:
+        self.observations = self.activity_bins = self.dropped = self.restarts = 0
+        self.camera: Camera | None = None
+        self._options = options
+        self._backend: Backend | None = None
+        self._waiting: deque[tuple[TrackUpdate, Activity | None]] = deque()
+        self._activity_end: int | None = None
+
+    def set_camera(self, camera: Camera) -> None:
+        """Begin anew with this camera, unless it is the same as before; what waited for a camera is taken in."""
+        if self.camera is not None and _same(self.camera, camera):
+            return
+        self.camera, self._backend = camera, Backend(camera, self._options)
+        while self._waiting:
+            self._backend.add(*self._waiting.popleft())
+
+    def add_tracks(self, update: TrackUpdate) -> None:
+        """Take in tracks."""
+        self.observations += len(update.observations)
+        self._add(update, None)
+
+    def add_activity(self, activity: Activity) -> None:
+        """Take in activity. Raises CameraError when its grid is that of another sensor than the camera's."""
+        if self._activity_end is not None and activity.t0 < self._activity_end - RESTART_NS:
+            self.restarts += 1
+            self._waiting.clear()
+            self._backend = None if self.camera is None else Backend(self.camera, self._options)
+        self._activity_end = activity.end
+        self.activity_bins += len(activity.counts)
+        self._check_grid(activity)
+        self._add(TrackUpdate(Tracks.empty(), np.empty(0, np.uint32)), activity)
+
+    def due(self) -> bool:
+        """Return whether there is enough news for another estimate."""
+        return self._backend is not None and self._backend.due()
+
+    def solve(self) -> OrbitEstimate:
+        """Estimate from everything received; takes seconds."""
+        backend = self._backend
+        if backend is None:
+            return OrbitEstimate.failure("no camera_info received", observations=self.observations)
+        try:
+            return backend.solve()
+        except EsfoError as error:
+            return OrbitEstimate.failure(str(error), observations=self.observations)
+
+    def _add(self, update: TrackUpdate, activity: Activity | None) -> None:
+        if self._backend is not None:
+            self._backend.add(update, activity)
+            return
+        if len(self._waiting) >= MAX_WAITING:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append((update, activity))
+
+    def _check_grid(self, activity: Activity) -> None:
+        rows, columns = activity.counts.shape[2:]
+        camera, cell = self.camera, activity.cell
+        if camera is not None and (rows, columns) != (-(-camera.height // cell), -(-camera.width // cell)):
+            raise CameraError(
+                f"camera_info is of {camera.width}x{camera.height} px, the events of a sensor of {columns}x{rows} "
+                f"cells of {cell} px"
+            )
+
+
+def summary(estimate: OrbitEstimate) -> str:
+    """Return an estimate in one line."""
+    if estimate.spin is None:
+        return f"{estimate.status}: {estimate.reason}"
+    axis = ", ".join(f"{v:.4f}" for v in estimate.spin.axis)
+    flags = f" ({', '.join(estimate.flags)})" if estimate.flags else ""
+    return (
+        f"{estimate.status}{flags}: {estimate.spin.rate_hz:.5f} +- {estimate.rate_std_hz:.5f} Hz, "
+        f"axis [{axis}] +- {estimate.axis_std_deg:.2f} deg, {len(estimate.points)} points, {estimate.rms_px:.2f} px"
+    )
+
+
+def verdict_values(estimate: OrbitEstimate | None) -> dict[str, object]:
+    """Return what diagnostics show of the latest estimate."""
+    if estimate is None:
+        return {"status": "no estimate yet"}
+    return {
+        "status": estimate.status,
+        "reason": estimate.reason,
+        "flags": ", ".join(estimate.flags),
+        "reprojection px": round(estimate.rms_px, 3),
+        "points": len(estimate.points),
+        "ambiguity": "; ".join(f"{a.kind} {a.rate_hz:.4f} Hz x{a.score_ratio:.2f}" for a in estimate.alternatives),
+    }
+
+
+def _same(a: Camera, b: Camera) -> bool:
+    return (a.width, a.height, a.distortion_model) == (b.width, b.height, b.distortion_model) and (
+        np.array_equal(a.K, b.K) and np.array_equal(a.D, b.D)
+    )

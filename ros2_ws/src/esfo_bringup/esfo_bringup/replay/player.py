@@ -1,0 +1,110 @@
+"""How a recording is played: cut into packets, and each sent when its time has come."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from esfo_core.camera import Camera
+from esfo_core.errors import CameraError, EsfoError
+from esfo_core.events import EventArray
+from esfo_core.options import option
+from esfo_core.recordings import Recording
+
+PACKET_NS = 2_000_000
+MAX_EVENTS = 16_384
+"""Events of one packet: 128 KiB, which the default transport carries without loss."""
+
+
+class ReplayError(EsfoError):
+    """Nobody takes the events."""
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """What is played, and how fast."""
+
+    recording: str = option("", "path of the recording")
+    camera: str = option("", "path of a camera_calibration YAML; empty: the calibration in the recording")
+    frame_id: str = option("camera", "name of the camera's optical frame")
+    rate: float = option(1.0, "speed relative to real time; 0: as fast as the front-end acknowledges", 0.0, 1e6)
+    in_flight_s: float = option(0.3, "with rate 0: sensor time sent beyond what is acknowledged, s", 0.01, 1e3)
+    stall_s: float = option(60.0, "with rate 0: time without acknowledgement that is an error, s", 1.0, 1e6)
+    loop: bool = option(False, "play again and again, with times that go on")
+    wait_for_subscribers: int = option(1, "subscribers of `events` that must be there before the start", 0, 1000)
+    wait_timeout_s: float = option(60.0, "longest wait for them, s", 0.0, 1e6)
+
+
+def choose_camera(recording: Recording, override: str) -> Camera | None:
+    """Return the camera of the YAML file `override`, or that of the recording when it is empty.
+
+    Raises CameraError when the file cannot be read or is for another sensor size.
+    """
+    if not override:
+        return recording.camera
+    camera = Camera.read_yaml(Path(override))
+    if (camera.width, camera.height) != (recording.width, recording.height):
+        raise CameraError(
+            f"{override} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
+        )
+    return camera
+
+
+def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:
+    """Cut a recording into packets of up to 2 ms and `MAX_EVENTS`; when it loops, times go on after the last event."""
+    shift, last = 0, 0
+    while True:
+        first: int | None = None
+        for chunk in recording.chunks(PACKET_NS):
+            if shift:
+                chunk["t"] += shift
+            first, last = int(chunk["t"][0]) if first is None else first, int(chunk["t"][-1])
+            for start in range(0, len(chunk), MAX_EVENTS):
+                yield chunk[start : start + MAX_EVENTS]
+        if not loop or first is None:
+            return
+        shift += last - first + PACKET_NS
+
+
+class Pace:
+    """Says when a packet may be sent.
+
+    With rate > 0 by the wall clock; with rate 0 when less than `in_flight_ns` of sensor time is under way.
+    """
+
+    def __init__(self, rate: float, in_flight_ns: int, stall_s: float) -> None:
+        self._rate, self._in_flight_ns, self._stall_s = rate, in_flight_ns, stall_s
+        self._start: tuple[int, float] | None = None
+        self._sent: int | None = None
+        self._acknowledged = 0
+        self._progress = 0.0
+
+    def delay(self, t: int, now: float) -> float:
+        """Seconds of wall time to wait before sending events that begin at `t` ns; 0: send. now: wall time, s.
+
+        Raises ReplayError when nothing was acknowledged for too long.
+        """
+        if self._start is None:
+            self._start, self._acknowledged, self._progress = (t, now), t, now
+        if self._rate > 0:
+            return max(0.0, (t - self._start[0]) / 1e9 / self._rate - (now - self._start[1]))
+        if self._sent is None or self._sent - self._acknowledged <= self._in_flight_ns:
+            return 0.0
+        if now - self._progress > self._stall_s:
+            raise ReplayError(f"no event after {self._acknowledged} ns was acknowledged for {self._stall_s:.0f} s")
+        return 0.05
+
+    def sensor_time(self, now: float) -> int:
+        """Sensor time in ns that belongs to the wall time `now`, with rate > 0, once `delay` has been called."""
+        assert self._start is not None
+        return self._start[0] + round((now - self._start[1]) * self._rate * 1e9)
+
+    def sent(self, t: int) -> None:
+        """Note that events up to `t` ns are under way."""
+        self._sent = t
+
+    def acknowledged(self, t: int, now: float) -> None:
+        """Note that events before `t` ns have been worked on."""
+        if t > self._acknowledged:
+            self._acknowledged, self._progress = t, now

@@ -33,7 +33,7 @@ def neighbourhood(radius: float, time_scale: float) -> NDArray[np.int64]:
 
 
 class DensityFilter:
-    """Keeps the corners whose density score reaches the mean of their polarity (section 4.1).
+    """Keeps the corners whose density score reaches the mean of their polarity (section 4.1, equation 2).
 
     D(e) = (1 / lambda) * number of events, corners or not, of the polarity of e within lambda of e. The paper gives
     no unit for that distance: it is taken in (x, y, scaled t) with the time scale of the other stages, and includes

@@ -1,4 +1,4 @@
-"""Joining of clusters, head to tail, into tracks (section 4.2)."""
+"""Joining of clusters, head to tail, into tracks (section 4.2, equation 3)."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class CornerOptions:
 
 @dataclass(frozen=True)
 class DensityOptions:
-    """Filter on the local event density, D(e) of section 4.1."""
+    """Filter on the local event density, D(e) of equation 2."""
 
     radius: float = option(7.0, "lambda: neighbourhood radius in (x, y, scaled t), px", 0.5, 50.0)
 
@@ -48,7 +48,7 @@ class JoinOptions:
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """Window means of the joined clusters (equation 5)."""
+    """Window means of the joined clusters (section 4.3, equation 4)."""
 
     window: float = option(30.0, "delta t: duration of a window, ms", 0.1, 60_000.0)
     min_corners: int = option(3, "windows of a track with fewer corners are dropped", 1, 1000)

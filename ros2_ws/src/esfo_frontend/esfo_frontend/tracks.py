@@ -1,4 +1,4 @@
-"""Feature tracks: mean positions of joined clusters in disjoint windows (equation 5)."""
+"""Feature tracks: mean positions of joined clusters in disjoint windows (section 4.3, equation 4)."""
 
 from __future__ import annotations
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -39,14 +41,19 @@ class Camera:
             raise CameraError(f"camera matrix is not 3x3 of finite numbers: {self.K.tolist()}")
         if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
             raise CameraError(f"focal lengths {self.K[0, 0]}, {self.K[1, 1]} are not positive (uncalibrated?)")
-        if not np.isfinite(self.D).all():
-            raise CameraError(f"distortion coefficients are not finite: {self.D.tolist()}")
-        if self.D.any():
-            allowed = _COEFFICIENTS.get(self.distortion_model)
-            if allowed is None:
-                raise CameraError(f"unknown distortion model {self.distortion_model!r}; known: {sorted(_COEFFICIENTS)}")
-            if len(self.D) not in allowed:
-                raise CameraError(f"{self.distortion_model} takes {allowed} coefficients, got {len(self.D)}")
+        if self.K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]].tolist() != [0, 0, 0, 0, 1]:
+            raise CameraError(f"camera matrix has skew or a last row other than 0, 0, 1: {self.K.tolist()}")
+        self._check_distortion()
+
+    def _check_distortion(self) -> None:
+        if self.D.ndim != 1 or not np.isfinite(self.D).all():
+            raise CameraError(f"distortion coefficients are not a row of finite numbers: {self.D.tolist()}")
+        allowed = _COEFFICIENTS.get(self.distortion_model)
+        if len(self.D) and allowed is None:
+            raise CameraError(f"unknown distortion model {self.distortion_model!r}; known: {sorted(_COEFFICIENTS)}")
+        if self._distorts and allowed is not None and len(self.D) not in allowed:
+            counts = " or ".join(map(str, allowed))
+            raise CameraError(f"{self.distortion_model} takes {counts} coefficients, got {len(self.D)}")
 
     @staticmethod
     def pinhole(width: int, height: int, focal_px: float) -> Camera:
@@ -59,23 +66,42 @@ class Camera:
         """Mean focal length in pixels."""
         return float((self.K[0, 0] + self.K[1, 1]) / 2)
 
-    def distort(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Map (N, 2) ideal points of the plane z = 1 to (N, 2) distorted points of that plane."""
-        if not self.D.any():
-            return xy
-        x, y = xy[:, 0], xy[:, 1]
-        r2 = x * x + y * y
+    @property
+    def _distorts(self) -> bool:
+        """False where distorted and ideal points agree. An equidistant lens differs from a pinhole even with zeros."""
+        return bool(self.D.any()) or (self.distortion_model == "equidistant" and len(self.D) > 0)
+
+    def _coefficients(self) -> NDArray[np.float64]:
+        """Coefficients (8,) in ROS order, zeros for those that the model does not have."""
+        d = np.zeros(8)
+        d[: len(self.D)] = self.D
+        return d
+
+    def _radial(self, r2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Radial part: distorted over ideal radius (N,) at squared ideal radii `r2` (N,)."""
         if self.distortion_model == "equidistant":
             r = np.sqrt(r2)
             theta = np.arctan(r)
-            k1, k2, k3, k4 = self.D
-            q = theta * theta
-            distorted = theta * (1 + q * (k1 + q * (k2 + q * (k3 + q * k4))))
-            return np.asarray(xy * np.where(r > 1e-12, distorted / np.maximum(r, 1e-12), 1.0)[:, None])
-        d = np.zeros(8)
-        d[: len(self.D)] = self.D
-        k1, k2, p1, p2, k3, k4, k5, k6 = d
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+            return np.where(r > 1e-12, self._equidistant(theta) / np.maximum(r, 1e-12), 1.0)
+        k1, k2, _, _, k3, k4, k5, k6 = self._coefficients()
+        return np.asarray((1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6))))
+
+    def _equidistant(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distorted radius (N,) of rays `theta` (N,) radians off the optical axis."""
+        k1, k2, k3, k4 = self.D
+        q = theta * theta
+        return np.asarray(theta * (1 + q * (k1 + q * (k2 + q * (k3 + q * k4)))))
+
+    def distort(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map (N, 2) ideal points of the plane z = 1 to (N, 2) distorted points of that plane."""
+        if not self._distorts:
+            return xy
+        x, y = xy[:, 0], xy[:, 1]
+        r2 = x * x + y * y
+        radial = self._radial(r2)
+        if self.distortion_model == "equidistant":
+            return np.asarray(xy * radial[:, None])
+        p1, p2 = self.D[2:4]
         return np.stack(
             [
                 x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
@@ -92,22 +118,44 @@ class Camera:
     def unproject(self, uv: NDArray[np.floating]) -> NDArray[np.float64]:
         """Map (N, 2) pixels to (N, 2) ideal points of the plane z = 1.
 
-        Distortion is inverted by fixed-point iteration. Raises CameraError where that does not converge,
-        because a position made up there would be silently wrong.
+        Distortion is inverted by iteration. Raises CameraError where that does not converge, where several points
+        have the same image or where the ray is 90 degrees or more off the optical axis, because a position made up
+        there would be silently wrong.
         """
         focal, centre = np.array([self.K[0, 0], self.K[1, 1]]), np.array([self.K[0, 2], self.K[1, 2]])
         target: NDArray[np.float64] = (np.asarray(uv, np.float64) - centre) / focal
-        if not self.D.any():
+        if not self._distorts:
             return target
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # a diverging iteration is reported below
+            xy = self._undistort(target)
+            residual = np.abs((self.distort(xy) - target) * focal).max(initial=0.0)
+        if not residual < 1e-3:
+            raise CameraError(f"lens distortion cannot be inverted over the sensor (residual {residual:.3g} px)")
+        # The iteration may end on another branch of the polynomial, beyond the radius where the image folds back.
+        r = np.linspace(0.0, np.linalg.norm(xy, axis=1).max(initial=0.0), 1000)[1:]
+        if (np.diff(r * self._radial(r * r)) < 0).any():
+            raise CameraError(f"lens distortion folds the image within {r[-1]:.3g} focal lengths of its centre")
+        return xy
+
+    def _undistort(self, target: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Ideal points (N, 2) of distorted ones, as far as the iteration comes."""
+        if self.distortion_model == "equidistant":
+            radius = np.linalg.norm(target, axis=1)
+            theta = radius.copy()
+            for _ in range(50):  # Newton's method in the angle, whose slope stays near 1 where that of tan does not
+                q = theta * theta
+                slope = 1 + sum((2 * i + 3) * k * q ** (i + 1) for i, k in enumerate(self.D))
+                step = (self._equidistant(theta) - radius) / slope
+                theta -= step
+                if np.abs(step).max(initial=0.0) < 1e-14:
+                    break
+            return np.asarray(target * np.where(radius > 1e-12, np.tan(theta) / radius, 1.0)[:, None])
         xy: NDArray[np.float64] = target.copy()
         for _ in range(100):
             error = self.distort(xy) - target
             xy -= error
             if np.abs(error).max(initial=0.0) < 1e-12:
-                return xy
-        residual = np.abs((self.distort(xy) - target) * focal).max()
-        if not residual < 1e-3:
-            raise CameraError(f"lens distortion cannot be inverted over the sensor (residual {residual:.3g} px)")
+                break
         return xy
 
     @cached_property
@@ -121,17 +169,17 @@ class Camera:
     def read_yaml(path: Path) -> Camera:
         """Read a ROS `camera_calibration` file. Raises CameraError with the field that is wrong."""
         try:
-            content = yaml.safe_load(path.read_text())
+            content = yaml.safe_load(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise CameraError(f"{path}: {error.strerror}") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             raise CameraError(f"{path}: not a YAML file ({str(error).splitlines()[0]})") from error
         try:
             return Camera(
-                int(content["image_width"]),
-                int(content["image_height"]),
+                _whole(content, "image_width"),
+                _whole(content, "image_height"),
                 np.array(content["camera_matrix"]["data"], np.float64).reshape(3, 3),
-                str(content.get("distortion_model", "plumb_bob")),
+                str(content.get("distortion_model") or "plumb_bob"),
                 np.array(content.get("distortion_coefficients", {}).get("data", []), np.float64),
             )
         except CameraError as error:
@@ -158,3 +206,10 @@ class Camera:
             "projection_matrix": matrix(P),
         }
         path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+
+
+def _whole(content: Mapping[str, Any], name: str) -> int:
+    number = float(content[name])
+    if not number.is_integer():
+        raise CameraError(f"{name} is {content[name]!r}, not a whole number")
+    return int(number)

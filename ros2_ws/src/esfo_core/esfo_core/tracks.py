@@ -24,7 +24,7 @@ class Tracks:
     uv: (N, 2) float32, pixel position (column, row), pixel centres at integers.
     sigma: (N,) float32, standard deviation of each coordinate in pixels.
 
-    Raises TracksError for columns of unequal length, non-finite positions or sigma <= 0.
+    Raises TracksError for columns of unequal length, non-finite positions or a sigma that is not above 0 and finite.
     """
 
     track_id: NDArray[np.uint32]
@@ -34,16 +34,17 @@ class Tracks:
 
     def __post_init__(self) -> None:
         n = len(self.track_id)
-        if self.t.shape != (n,) or self.uv.shape != (n, 2) or self.sigma.shape != (n,):
+        if self.track_id.shape != (n,) or self.t.shape != (n,) or self.uv.shape != (n, 2) or self.sigma.shape != (n,):
             raise TracksError(
-                f"columns of unequal length: track_id {n}, t {self.t.shape}, uv {self.uv.shape}, "
+                f"columns of unequal length: track_id {self.track_id.shape}, t {self.t.shape}, uv {self.uv.shape}, "
                 f"sigma {self.sigma.shape}"
             )
         if not np.isfinite(self.uv).all():
             raise TracksError(f"row {int(np.argmin(np.isfinite(self.uv).all(axis=1)))} has a non-finite position")
-        if not (self.sigma > 0).all():
-            row = int(np.argmin(self.sigma > 0))
-            raise TracksError(f"row {row} has sigma {self.sigma[row]}, which is not positive")
+        usable = (self.sigma > 0) & np.isfinite(self.sigma)
+        if not usable.all():
+            row = int(np.argmin(usable))
+            raise TracksError(f"row {row} has sigma {self.sigma[row]}, which is not a positive number")
 
     def __len__(self) -> int:
         return len(self.track_id)
@@ -55,13 +56,23 @@ class Tracks:
 
     @staticmethod
     def from_columns(track_id: object, t: object, uv: object, sigma: object) -> Tracks:
-        """Build from anything array-like, converting to the stored types."""
-        return Tracks(
-            np.ascontiguousarray(track_id, np.uint32),
-            np.ascontiguousarray(t, np.int64),
-            np.ascontiguousarray(uv, np.float32).reshape(-1, 2),
-            np.ascontiguousarray(sigma, np.float32),
-        )
+        """Build from anything array-like, converting to the stored types.
+
+        Raises TracksError for what the types cannot hold, besides the errors of the class.
+        """
+        ids = np.asarray(track_id)
+        if ids.size and not (ids.min() >= 0 and ids.max() <= np.iinfo(np.uint32).max):
+            raise TracksError(f"track ids {ids.min()} to {ids.max()} are not all of 32 bits")
+        try:
+            with np.errstate(over="ignore"):  # beyond float32 becomes infinite, which the class refuses
+                return Tracks(
+                    np.ascontiguousarray(ids, np.uint32),
+                    np.ascontiguousarray(t, np.int64),
+                    np.ascontiguousarray(uv, np.float32).reshape(-1, 2),
+                    np.ascontiguousarray(sigma, np.float32),
+                )
+        except OverflowError as error:
+            raise TracksError(f"a time is not of 64 bits ({error})") from error
 
     @staticmethod
     def concatenate(parts: Iterable[Tracks]) -> Tracks:
@@ -82,7 +93,7 @@ class Tracks:
 
     def sorted(self) -> Tracks:
         """Return the rows ordered by track, then time: the same table whatever order rows arrived in."""
-        return self.select(np.lexsort((self.uv[:, 1], self.uv[:, 0], self.t, self.track_id)))
+        return self.select(np.lexsort((self.sigma, self.uv[:, 1], self.uv[:, 0], self.t, self.track_id)))
 
     def write_csv(self, path: Path) -> None:
         """Write a header line and one line per row; positions with the digits that float32 needs."""
@@ -101,19 +112,25 @@ class Tracks:
                 reader = csv.reader(file)
                 header = next(reader, [])
                 if tuple(header) != _COLUMNS:
-                    raise TracksError(f"{path}: header is {header}, expected {list(_COLUMNS)}")
-                rows = list(reader)
+                    raise TracksError(f"{path}: header is {','.join(header)[:80]!r}, expected {','.join(_COLUMNS)!r}")
+                rows = [_row(path, reader.line_num, texts) for texts in reader]
         except OSError as error:
             raise TracksError(f"{path}: {error.strerror}") from error
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise TracksError(f"{path}: not a CSV file ({error})") from error
+        track_id, t, uv, sigma = zip(*rows, strict=True) if rows else ((), (), np.empty((0, 2)), ())
         try:
-            return Tracks.from_columns(
-                [int(r[0]) for r in rows],
-                [int(r[1]) for r in rows],
-                np.array([(float(r[2]), float(r[3])) for r in rows]).reshape(-1, 2),
-                [float(r[4]) for r in rows],
-            )
-        except (ValueError, IndexError) as error:
+            return Tracks.from_columns(track_id, t, uv, sigma)
+        except TracksError as error:
             raise TracksError(f"{path}: {error}") from error
+
+
+def _row(path: Path, line: int, texts: list[str]) -> tuple[int, int, tuple[float, float], float]:
+    try:
+        track_id, t, u, v, sigma = texts
+        return int(track_id), int(t), (float(u), float(v)), float(sigma)
+    except ValueError as error:
+        raise TracksError(f"{path}: line {line} is not five numbers: {','.join(texts)[:80]!r}") from error
 
 
 @dataclass(frozen=True)

@@ -36,12 +36,20 @@ class Activity:
 
     @staticmethod
     def from_events(events: EventArray, t0: int, bins: int, bin_ns: int, cell: int, grid: tuple[int, int]) -> Activity:
-        """Count events of [t0, t0 + bins * bin_ns) on a grid of (rows, columns) cells; others are ignored."""
+        """Count events of [t0, t0 + bins * bin_ns) on a grid of (rows, columns) cells; events of other times are not.
+
+        Raises ActivityError for an event outside the grid.
+        """
         rows, columns = grid
         k = (events["t"] - t0) // bin_ns
         inside = (k >= 0) & (k < bins)
         chosen, k = events[inside], k[inside]
         y, x = chosen["y"].astype(np.int64) // cell, chosen["x"].astype(np.int64) // cell
+        if len(chosen) and (y.max() >= rows or x.max() >= columns):
+            raise ActivityError(
+                f"event at x = {chosen['x'].max()}, y = {chosen['y'].max()} lies outside "
+                f"{columns} x {rows} cells of {cell} px"
+            )
         flat = ((k * 2 + chosen["p"]) * rows + y) * columns + x
         counts = np.bincount(flat, minlength=bins * 2 * rows * columns)
         saturated = np.minimum(counts, np.iinfo(np.uint16).max).astype(np.uint16)
@@ -63,7 +71,7 @@ class Activity:
                     f"activity of bin {piece.bin} ns, cell {piece.cell} px, grid {piece.counts.shape[2:]} does not fit "
                     f"bin {first.bin} ns, cell {first.cell} px, grid {first.counts.shape[2:]}"
                 )
-        total = (pieces[-1].end - first.t0) // first.bin
+        total = (max(piece.end for piece in pieces) - first.t0) // first.bin
         counts = np.zeros((total, *first.counts.shape[1:]), np.uint16)
         covered = 0
         for piece in pieces:

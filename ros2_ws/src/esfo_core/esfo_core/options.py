@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
@@ -40,18 +41,22 @@ def fields_of(options: Any, prefix: str = "") -> list[OptionField]:
         if dataclasses.is_dataclass(value):
             found += fields_of(value, f"{prefix}{field.name}.")
         else:
+            if isinstance(field.default, float) and isinstance(value, int):
+                value = float(value)  # `1` set in code where 1.0 is meant must not make it an option of whole numbers
             m = field.metadata
             found.append(OptionField(f"{prefix}{field.name}", value, m["meaning"], m["low"], m["high"], m["choices"]))
     return found
 
 
 def check(options: Any) -> None:
-    """Raise OptionError for the first value outside its range or choices."""
+    """Raise OptionError for the first value outside its range or choices, or that is not a finite number."""
     for leaf in fields_of(options):
         if leaf.choices and leaf.value not in leaf.choices:
             raise OptionError(f"{leaf.name} is {leaf.value!r}; choose from {', '.join(leaf.choices)}")
         if isinstance(leaf.value, str):
             continue
+        if not math.isfinite(leaf.value):
+            raise OptionError(f"{leaf.name} is {leaf.value}, not a finite number")
         if leaf.low is not None and not leaf.value >= leaf.low:
             raise OptionError(f"{leaf.name} is {leaf.value}, below {leaf.low}")
         if leaf.high is not None and not leaf.value <= leaf.high:
@@ -85,13 +90,15 @@ def parse_assignments(texts: Iterable[str]) -> dict[str, str]:
 
 
 def _convert(name: str, value: object, kind: type) -> object:
-    if kind is bool and isinstance(value, str):
-        if value.lower() not in ("true", "false"):
+    if kind is bool:
+        if str(value).lower() not in ("true", "false"):
             raise OptionError(f"{name} takes true or false, got {value!r}")
-        return value.lower() == "true"
+        return str(value).lower() == "true"
+    if kind is int and isinstance(value, float) and not value.is_integer():
+        raise OptionError(f"{name} takes a whole number, got {value!r}")
     try:
         return kind(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise OptionError(f"{name} takes a value of type {kind.__name__}, got {value!r}") from error
 
 

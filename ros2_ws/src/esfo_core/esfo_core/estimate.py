@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -10,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_core.orbit import Spin
+from esfo_core.orbit import OrbitError, Spin
 
 Status = Literal["ok", "degenerate", "failed"]
 
@@ -66,7 +67,12 @@ class OrbitEstimate:
 
     @property
     def axis_std_deg(self) -> float:
-        """Standard deviation of the axis direction in degrees: root of the larger eigenvalue of axis_cov."""
+        """Standard deviation of the axis direction in degrees: root of the larger eigenvalue of axis_cov.
+
+        NaN where axis_cov is not finite: the eigenvalues of such a matrix come out as anything, zeros among them.
+        """
+        if not np.isfinite(self.axis_cov).all():
+            return math.nan
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.axis_cov)[-1], 0.0))))
 
     @staticmethod
@@ -91,12 +97,17 @@ class OrbitEstimate:
         return OrbitEstimate(**{**values, **known})  # type: ignore[arg-type]
 
     def to_json(self, versions: dict[str, str]) -> dict[str, object]:
-        """Return the content of `orbit.json`; numbers that do not exist are null, never NaN."""
-        out: dict[str, object] = {"status": self.status, "flags": list(self.flags), "reason": self.reason}
-        if self.spin is not None:
-            out |= _spin_fields(self.spin)
-            out |= {"spin_rate_std_hz": self.rate_std_hz, "axis_std_deg": self.axis_std_deg}
-        out |= {
+        """Return the content of `orbit.json`, always with the same keys; what does not exist is null, never NaN.
+
+        Lengths (`center`, `radius`, `orbit`) are in units of `scale`, angles in degrees, times in ns or s as named.
+        """
+        out: dict[str, object] = {
+            "status": self.status,
+            "flags": list(self.flags),
+            "reason": self.reason,
+            **_spin_fields(self.spin),
+            "spin_rate_std_hz": self.rate_std_hz,
+            "axis_std_deg": self.axis_std_deg,
             "scale": self.scale,
             "points": len(self.points),
             "tracks": self.tracks,
@@ -105,33 +116,44 @@ class OrbitEstimate:
             "rms_reprojection_px": self.rms_px,
             "initialisation": self.initialisation,
             "alternatives": [
-                {"kind": a.kind, "rate_hz": a.rate_hz, "axis": a.axis.tolist(), "score_ratio": a.score_ratio}
+                {"kind": a.kind, "rate_hz": a.rate_hz, "axis": a.axis, "score_ratio": a.score_ratio}
                 for a in self.alternatives
             ],
             "timing_s": self.timing_s,
             "versions": versions,
         }
-        return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in out.items()}
+        return {key: _plain(value) for key, value in out.items()}
 
     def write_json(self, path: Path, versions: dict[str, str]) -> None:
         """Write `orbit.json`."""
         path.write_text(json.dumps(self.to_json(versions), indent=2, allow_nan=False) + "\n")
 
 
-def _spin_fields(spin: Spin) -> dict[str, object]:
-    orbit = spin.paper_orbit()
-    return {
-        "spin_rate_hz": spin.rate_hz,
-        "axis": spin.axis.tolist(),
-        "center": spin.center.tolist(),
-        "t0_ns": spin.t0,
-        "radius": orbit.radius,
-        "orbit": {
-            "r": orbit.radius,
-            "f": orbit.rate_hz,
-            "R0": orbit.R0.tolist(),
-            "n": orbit.normal.tolist(),
-            "u": orbit.u.tolist(),
-            "c": orbit.c.tolist(),
-        },
+def _spin_fields(spin: Spin | None) -> dict[str, object]:
+    if spin is None:
+        return dict.fromkeys(("spin_rate_hz", "axis", "center", "t0_ns", "radius", "orbit"))
+    motion = {"spin_rate_hz": spin.rate_hz, "axis": spin.axis, "center": spin.center, "t0_ns": spin.t0}
+    try:
+        orbit = spin.paper_orbit()
+    except OrbitError:  # the axis passes through the camera: the motion is known, its circle is a point
+        return {**motion, "radius": 0.0, "orbit": None}
+    parameters = {
+        "r": orbit.radius,
+        "f": orbit.rate_hz,
+        "R0": orbit.R0,
+        "n": orbit.normal,
+        "u": orbit.u,
+        "c": orbit.c,
     }
+    return {**motion, "radius": orbit.radius, "orbit": parameters}
+
+
+def _plain(value: object) -> object:
+    """Return a value that JSON can hold: arrays as lists, numbers that are not finite as None."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

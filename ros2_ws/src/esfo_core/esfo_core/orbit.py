@@ -95,7 +95,7 @@ class Spin:
         along = float(self.center @ self.axis)
         perpendicular = self.center - along * self.axis
         radius = float(np.linalg.norm(perpendicular))
-        if radius < 1e-12:
+        if radius <= 1e-12 * np.linalg.norm(self.center):
             raise OrbitError("the axis passes through the camera centre: the orbit has no radius")
         n, u = -self.axis, -perpendicular / radius
         c = -along * self.axis

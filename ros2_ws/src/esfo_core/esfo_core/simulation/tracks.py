@@ -32,7 +32,8 @@ class SyntheticTrackOptions:
 class SyntheticTracks:
     """Tracks and the truth behind them.
 
-    points: (P, 3) object points in the coordinates of `Spin`. point_of_track: (M,) index into points, -1 for an outlier.
+    points: (P, 3) object points in the coordinates of `Spin`.
+    point_of_track: (M,) index into points, -1 for an outlier.
     """
 
     tracks: Tracks
@@ -45,8 +46,12 @@ def synthetic_tracks(spin: Spin, camera: Camera, options: SyntheticTrackOptions)
     """Observe random points of a ball about `spin.center` while they face the camera.
 
     A point that stays visible longer than `track_s` gets a new track, as with a real tracker: only the back-end can
-    find out that the two belong together. Raises SimulationError when nothing is seen.
+    find out that the two belong together.
+
+    Raises SimulationError when nothing is seen or a track could not be as long as two rows.
     """
+    if options.track_s < options.window_s:
+        raise SimulationError(f"tracks of {options.track_s} s are shorter than the {options.window_s} s between rows")
     rng = np.random.default_rng(options.seed)
     normals = rng.normal(size=(options.points, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
@@ -89,7 +94,7 @@ def _observe(
     normals: NDArray[np.float64],
     times: NDArray[np.int64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Project all points at all times: (T, P, 2) pixels and (T, P) whether a point faces the camera inside the image."""
+    """Project all points at all times: (T, P, 2) pixels; (T, P) whether a point faces the camera inside the image."""
     uv = np.empty((len(times), len(points), 2))
     seen = np.empty((len(times), len(points)), bool)
     limit = np.array([camera.width - 1, camera.height - 1])

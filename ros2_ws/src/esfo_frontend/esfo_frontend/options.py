@@ -32,13 +32,14 @@ class DensityOptions:
 class ClusterOptions:
     """HDBSCAN in overlapping chunks of fixed duration.
 
-    Longer chunks cost more for each corner and delay the tracks; below about 60 ms good tracks get fewer.
+    Longer chunks cost more for each corner and delay the tracks. In shorter ones features with few corners merge with
+    their neighbours, since minPts corners then spread over most of a chunk.
     """
 
     min_size: int = option(10, "minPts: smallest cluster, corners within one chunk", 2, 10_000)
     epsilon: float = option(0.0, "clusters closer than this are not split, px in (x, y, scaled t)", 0.0, 1000.0)
-    chunk: float = option(60.0, "duration of a chunk, ms", 1.0, 60_000.0)
-    shared: float = option(12.0, "duration that neighbouring chunks share, ms; at most half a chunk", 0.0, 30_000.0)
+    chunk: float = option(120.0, "duration of a chunk, ms", 1.0, 60_000.0)
+    shared: float = option(20.0, "duration that neighbouring chunks share, ms; at most half a chunk", 0.0, 30_000.0)
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,12 @@ def events(duration_s: float, seed: int = 5) -> Iterator[EventArray]:
 
 def _squares(rng: np.random.Generator) -> NDArray[np.float64]:
     """Corners (S, 4, 3) of squares on a drum about the spin axis, in the object's coordinates at t0."""
-    angle = np.arange(36) * 2 * np.pi / 36 * 7 + rng.uniform(-0.06, 0.06, 36)
-    height = np.linspace(-0.24, 0.24, 36) + rng.uniform(-0.02, 0.02, 36)
-    radius = rng.uniform(0.22, 0.3, 36)
-    out = np.stack([np.cos(angle), np.sin(angle), np.zeros(36)], axis=1)
-    side = np.stack([-np.sin(angle), np.cos(angle), np.zeros(36)], axis=1)
+    n = 28
+    angle = np.arange(n) * 2 * np.pi / n * 5 + rng.uniform(-0.06, 0.06, n)
+    height = np.linspace(-0.24, 0.24, n) + rng.uniform(-0.02, 0.02, n)
+    radius = rng.uniform(0.22, 0.3, n)
+    out = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], axis=1)
+    side = np.stack([-np.sin(angle), np.cos(angle), np.zeros(n)], axis=1)
     along = np.array([0.0, 0.0, 1.0])
     center = radius[:, None] * out + height[:, None] * along
     half = 0.035

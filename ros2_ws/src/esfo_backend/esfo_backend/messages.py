@@ -160,9 +160,7 @@ def points_message(estimate: OrbitEstimate, spin: Spin, header: Header) -> Point
     cloud["rms_px"], cloud["rows"] = estimate.point_rms_px, estimate.point_rows
     kinds = {"f": PointField.FLOAT32, "u": PointField.UINT32}
     fields = [
-        PointField(
-            name=name, offset=4 * i, datatype=PointField.UINT32 if name == "rows" else PointField.FLOAT32, count=1
-        )
+        PointField(name=name, offset=4 * i, datatype=kinds[cloud.dtype[i].kind], count=1)
         for i, name in enumerate(cloud.dtype.names or ())
     ]
     return PointCloud2(

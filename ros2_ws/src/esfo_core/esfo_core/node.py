@@ -153,6 +153,7 @@ def run(make: Callable[[], Node], drive: Callable[[Any], None] = rclpy.spin) -> 
         if rclpy.ok():
             raise  # otherwise a signal came while the node was being made
     finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the orderly end
         rclpy.try_shutdown()
         if worker is not None:
             worker.close()

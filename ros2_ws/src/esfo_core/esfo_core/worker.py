@@ -94,7 +94,7 @@ class Worker(Generic[T]):
         with self._changed:
             if not self._items:
                 self._changed.wait(POLL_S)
-            item = self._items.popleft() if self._items and not self._closed else None
+            item = self._items.popleft() if self._items else None
         if item is not None:
             self._work(item[1])
         else:

@@ -10,7 +10,7 @@ import numpy as np
 from esfo_core.codecs import Decoder, decoder
 from esfo_core.codecs.base import Bytes
 from esfo_core.errors import EsfoError, RecordingError
-from esfo_core.events import EventArray, empty_events, make_events
+from esfo_core.events import EventArray, empty_events
 from esfo_core.options import option
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.options import FrontendOptions
@@ -71,6 +71,28 @@ class LiveTotals:
     alive: set[int] = field(default_factory=set)
 
 
+@dataclass(frozen=True)
+class Health:
+    """State of the stream at one moment; two of them give what happened between."""
+
+    events: int
+    dropped: int
+    lost: int
+    unreadable: int
+    late: int
+
+    def problems_since(self, earlier: Health, latest_error: str) -> str:
+        """Say in one line what went wrong since `earlier`; empty when nothing did."""
+        texts = {
+            "dropped": "packets dropped: the front-end does not keep up",
+            "lost": "packets lost on the way",
+            "unreadable": f"packets unreadable, the last: {latest_error}",
+            "late": "late events dropped",
+        }
+        counts = {name: getattr(self, name) - getattr(earlier, name) for name in texts}
+        return "; ".join(f"{counts[name]} {text}" for name, text in texts.items() if counts[name])
+
+
 class LiveFrontend:
     """Decodes packets, keeps them in order of time, and runs the front-end on them.
 
@@ -90,8 +112,15 @@ class LiveFrontend:
         self._form: tuple[int, int, str] | None = None
         self._decoder: Decoder
         self._frontend: Frontend
-        self._seq: int | None = None
+        self._arrived: int | None = None
+        self._decoded: int | None = None
         self._running = False
+
+    def arrived(self, seq: int) -> None:
+        """Count the packets missing before this one. Called on arrival, when none has been dropped from a queue yet."""
+        if self._arrived is not None:
+            self.totals.lost += max(seq - self._arrived - 1, 0)
+        self._arrived = seq
 
     def process(self, packet: Packet) -> Iterator[FrontendOutput]:
         """Take in one packet; yield what it settles, an ended stream first."""
@@ -111,6 +140,11 @@ class LiveFrontend:
             self._running = False
             yield self._counted(self._frontend.flush())
 
+    def health(self, dropped: int) -> Health:
+        """Return the state of the stream; dropped: packets that were dropped before they came here."""
+        t = self.totals
+        return Health(t.events, dropped, t.lost, t.unreadable, t.late)
+
     def _begin(self, form: tuple[int, int, str]) -> None:
         width, height, encoding = form
         self._form = None  # should one of the next two fail, the next packet tries again
@@ -119,10 +153,9 @@ class LiveFrontend:
         self._form, self.size = form, (width, height)
 
     def _decode(self, packet: Packet) -> EventArray:
-        if self._seq is not None and packet.seq != self._seq + 1:
-            self.totals.lost += max(packet.seq - self._seq - 1, 0)
+        if self._decoded is not None and packet.seq != self._decoded + 1:
             self._decoder.resynchronise()
-        self._seq = packet.seq
+        self._decoded = packet.seq
         try:
             if packet.big_endian:
                 raise RecordingError("big-endian data")
@@ -156,15 +189,3 @@ class LiveFrontend:
         self.totals.alive.difference_update(output.tracks.ended.tolist())
         self.totals.activity_bins += 0 if output.activity is None else len(output.activity.counts)
         return output
-
-
-def warm_up(options: FrontendOptions) -> None:
-    """Run the front-end on a made-up scene, so that compiling its kernels costs no live packet.
-
-    The scene is a lattice of spots that drift over a small sensor, which gives corners, clusters and tracks.
-    """
-    t, spot = np.divmod(np.arange(8000), 16)
-    x, y = 8 + 12 * (spot % 4) + t // 60 + t % 3, 8 + 12 * (spot // 4) + t % 2
-    frontend = Frontend(64, 64, options)
-    frontend.process(make_events(x, y, t // 40 % 2, t * 600_000 + spot))
-    frontend.flush()

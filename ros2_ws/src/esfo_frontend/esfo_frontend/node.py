@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,9 +22,10 @@ from esfo_core.orbit import Spin
 from esfo_core.recordings.messages import camera_from_info
 from esfo_frontend import messages
 from esfo_frontend.frontend import FrontendOutput
-from esfo_frontend.live import LiveFrontend, LiveOptions, warm_up
+from esfo_frontend.live import LiveFrontend, LiveOptions
 from esfo_frontend.options import PRESETS
 from esfo_frontend.overlay import Overlay, screw_line
+from esfo_frontend.warm_up import warm_up
 
 RELIABLE = QoSProfile(depth=100)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -42,7 +44,7 @@ class FrontendNode(Node):  # type: ignore[misc]
         self._spin: Spin | None = None
         self._camera: Camera | None = None
         self._overlay: Overlay | None = None
-        self._seen = (0, 0, 0, 0, 0)
+        self._health = self._live.health(dropped=0)
         self._clusters = self.create_publisher(CornerClusters, "corner_clusters", RELIABLE)
         self._tracks = self.create_publisher(FeatureTracks, "feature_tracks", RELIABLE)
         self._activity = self.create_publisher(EventActivity, "event_activity", RELIABLE)
@@ -66,8 +68,12 @@ class FrontendNode(Node):  # type: ignore[misc]
         self._connecting.cancel()
         reliability = ReliabilityPolicy[live.events.reliability.upper()]
         qos = QoSProfile(depth=live.events.depth, reliability=reliability)
-        self.create_subscription(EventPacket, "events", self.worker.put, qos)
+        self.create_subscription(EventPacket, "events", self._on_packet, qos)
         self.get_logger().info("ready")
+
+    def _on_packet(self, message: EventPacket) -> None:
+        self._live.arrived(message.seq)
+        self.worker.put(message)
 
     def _on_orbit(self, message: OrbitEstimate) -> None:
         self._spin = messages.spin_from(message)
@@ -114,32 +120,18 @@ class FrontendNode(Node):  # type: ignore[misc]
             self._image.publish(messages.image_message(picture, header))
 
     def _diagnose(self) -> None:
-        totals, worker = self._live.totals, self.worker
-        lost = max(totals.lost - worker.dropped, 0)  # a packet dropped here is missed by its number, too
-        now = (worker.dropped, lost, totals.unreadable, totals.late, totals.events)
-        dropped, lost_now, unreadable, late, events = (a - b for a, b in zip(now, self._seen, strict=True))
-        self._seen = now
-        problems = [
-            f"{dropped} packets dropped: the front-end does not keep up" if dropped else "",
-            f"{lost_now} packets lost on the way" if lost_now else "",
-            f"{unreadable} packets unreadable, the last: {self._live.problem}" if unreadable else "",
-            f"{late} late events dropped" if late else "",
-        ]
-        problem = "; ".join(p for p in problems if p)
+        before, self._health = self._health, self._live.health(self.worker.dropped)
+        problem = self._health.problems_since(before, self._live.problem)
         if problem:
             self.get_logger().warning(problem)
         values = {
-            "Mev/s in": round(events / 1e6, 3),
-            "packets": totals.packets,
-            "packets dropped": worker.dropped,
-            "packets lost": lost,
-            "packets unreadable": totals.unreadable,
-            "events late": totals.late,
-            "queue age s": round(worker.age, 3),
-            "observations": totals.observations,
-            "tracks alive": len(totals.alive),
+            "Mev/s in": (self._health.events - before.events) / 1e6,
+            "packets": self._live.totals.packets,
+            "observations": self._live.totals.observations,
+            "tracks alive": len(self._live.totals.alive),
+            "queue age s": round(self.worker.age, 3),
         }
-        self._diagnostics.publish(diagnostics(self, problem, values))
+        self._diagnostics.publish(diagnostics(self, problem, values | asdict(self._health)))
 
 
 def main() -> None:

@@ -77,10 +77,8 @@ class ReplayNode(Node):  # type: ignore[misc]
                 time.sleep(MATCHING_S)
                 return
             if time.monotonic() - begin > options.wait_timeout_s:
-                missing = f"{there} of {options.wait_for_subscribers} subscribers of {self._events.topic_name}"
-                raise ReplayError(
-                    f"{missing} after {options.wait_timeout_s:g} s" + ("" if back_end else ", no back-end")
-                )
+                wanted = f"{options.wait_for_subscribers} subscribers of {self._events.topic_name}"
+                raise ReplayError(f"{there} of {wanted} after {options.wait_timeout_s:g} s")
             executor.spin_once(timeout_sec=0.05)
 
     def _wait_for_turn(self, executor: SingleThreadedExecutor, t: int) -> None:

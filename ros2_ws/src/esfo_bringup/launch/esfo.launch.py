@@ -4,7 +4,6 @@ ros2 launch esfo_bringup esfo.launch.py recording:=scene.mcap rviz:=true
 ros2 launch esfo_bringup esfo.launch.py events:=/event_camera/events camera_info:=/event_camera/camera_info
 """
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, GroupAction, RegisterEventHandler
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
@@ -13,6 +12,8 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, Pyth
 from launch_ros.actions import Node, PushRosNamespace
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
 
 ARGUMENTS = {
     "namespace": ("", "namespace of all nodes"),

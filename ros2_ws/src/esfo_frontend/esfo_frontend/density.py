@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from esfo_core.events import EventArray, empty_events
 from esfo_frontend.options import DensityOptions
 
-_NONE = -1
-
 
 def neighbourhood(radius: float, time_scale: float) -> NDArray[np.int64]:
     """Return the ball of `radius` px as (M, 3) rows (dx px, dy px, half ns).
@@ -86,44 +84,52 @@ class DensityFilter:
 def count_neighbours(
     corners: EventArray, events: EventArray, ball: NDArray[np.int64], size: tuple[int, int]
 ) -> NDArray[np.int64]:
-    """Return (N,) how many of the `events` of its polarity lie in the `ball` about each corner; both by time.
+    """Return (N,) how many of the `events` of its polarity lie in the `ball` about each corner.
 
     ball: as from `neighbourhood`. size: width and height in px. A corner that is itself an event counts itself.
     """
     width, height = size
     key = (events["p"].astype(np.int64) * height + events["y"]) * width + events["x"]
-    newest = np.full(2 * width * height, _NONE, np.int32)
+    first = np.zeros(2 * width * height + 1, np.int32)
+    times = np.empty(len(events), np.int64)
+    _sort_by_pixel(key, np.ascontiguousarray(events["t"]), first, times)
     x, y, p, t = (corners[name].astype(np.int64) for name in ("x", "y", "p", "t"))
     count = np.zeros(len(corners), np.int64)
-    _count((x, y, p, t), (key, np.ascontiguousarray(events["t"])), newest, ball, size, count)
+    _count((x, y, p, t), (first, times), ball, size, count)
     return count
 
 
 @njit(cache=True, nogil=True)
-def _count(corners, events, newest, ball, size, count):  # type: ignore[no-untyped-def]
-    """Count for each corner (columns x, y, polarity, t) the events (key of pixel and polarity, t), both by time.
+def _sort_by_pixel(key, t, first, times):  # type: ignore[no-untyped-def]
+    """Counting sort: `times` gets t (N,) pixel by pixel, those of key k from row first[k] on to first[k + 1]."""
+    for i in range(len(key)):
+        first[key[i]] += 1
+    total = 0
+    for k in range(len(first)):
+        total += first[k]
+        first[k] = total
+    for i in range(len(key) - 1, -1, -1):
+        first[key[i]] -= 1
+        times[first[key[i]]] = t[i]
 
-    The events of a pixel are chained from the newest back: `newest` holds the last one of each key, from -1 on. They
-    are entered only as far as the next corner reaches, so that a walk along the chain meets few later events.
+
+@njit(cache=True, nogil=True)
+def _count(corners, events, ball, size, count):  # type: ignore[no-untyped-def]
+    """Count for each corner (columns x, y, polarity, t) the events that each pixel of the ball has within its half.
+
+    events: `first` and `times` of `_sort_by_pixel`. The pixels of a row lie side by side in both, so that the few
+    events of each, all of one slice, are read from the cache faster than the right ones can be searched for.
     """
     x, y, p, t = corners
-    key, times = events
+    first, times = events
     width, height = size
-    reach = ball[:, 2].max()
-    previous = np.empty(len(key), np.int32)
-    entered = 0
     for i in range(len(t)):
-        while entered < len(key) and times[entered] <= t[i] + reach:
-            previous[entered] = newest[key[entered]]
-            newest[key[entered]] = entered
-            entered += 1
+        inside = 0
         for j in range(len(ball)):
             column, row, half = x[i] + ball[j, 0], y[i] + ball[j, 1], ball[j, 2]
             if column < 0 or column >= width or row < 0 or row >= height:
                 continue
-            k = newest[(p[i] * height + row) * width + column]
-            while k != _NONE and times[k] > t[i] + half:
-                k = previous[k]
-            while k != _NONE and times[k] >= t[i] - half:
-                count[i] += 1
-                k = previous[k]
+            key = (p[i] * height + row) * width + column
+            for k in range(first[key], first[key + 1]):
+                inside += abs(times[k] - t[i]) <= half
+        count[i] = inside

@@ -92,12 +92,16 @@ class Backend:
         return end - since >= self.options.live.interval_s * NANOSECONDS
 
     def update(self, update: TrackUpdate, activity: Activity | None) -> OrbitEstimate | None:
-        """`add`, then `solve` if an estimate is due."""
+        """`add`, then a quick `solve` if an estimate is due."""
         self.add(update, activity)
-        return self.solve() if self.due() else None
+        return self.solve(thorough=False) if self.due() else None
 
-    def solve(self) -> OrbitEstimate:
-        """Estimate the orbit from everything received so far; never raises for data that do not allow one."""
+    def solve(self, thorough: bool = True) -> OrbitEstimate:
+        """Estimate the orbit from everything received so far; never raises for data that do not allow one.
+
+        thorough: try every start that the options ask for; otherwise only the direct one where there is a choice, which
+        takes a tenth of the time and is for estimates that the next one replaces.
+        """
         with self._lock:
             tracks, pieces = Tracks.concatenate(self._tracks), list(self._activity)
         if not pieces:
@@ -112,11 +116,11 @@ class Backend:
         }
         watch = _Stopwatch()
         try:
-            return self._solve(tracks, activity, watch)
+            return self._solve(tracks, activity, watch, thorough)
         except BackendError as error:
             return OrbitEstimate.failure(str(error), timing_s=watch.seconds, **known)
 
-    def _solve(self, tracks: Tracks, activity: Activity, watch: _Stopwatch) -> OrbitEstimate:
+    def _solve(self, tracks: Tracks, activity: Activity, watch: _Stopwatch, thorough: bool) -> OrbitEstimate:
         """Paper, section 5: rate, start, factor graph; between them the re-identification of docs/method.md."""
         options = self.options
         with watch.stage("spin_rate"):
@@ -127,7 +131,7 @@ class Backend:
             raise BackendError(f"{turns:.2f} turns were seen; {options.live.min_turns} are needed")
         obs, _ = observations(tracks, self.camera, options.start.min_rows)
         with watch.stage("start"):
-            start = choose_start(tracks, obs, self.camera, rate.rate_hz, options)
+            start = choose_start(tracks, obs, self.camera, rate.rate_hz, options, thorough)
         self.last_start_note = start.colmap_note
         with watch.stage("reidentification"):
             structure = self._structure(start, obs)

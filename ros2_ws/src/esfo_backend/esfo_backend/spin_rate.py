@@ -20,6 +20,8 @@ from esfo_core.orbit import NANOSECONDS, Matrix, Vector
 
 _UPSAMPLING = 16
 _SMOOTHING_BINS = 1.5
+_MOST_FEATURES = 512
+"""Cells and polarities that take part, the most variable ones: the rest of a large sensor holds little but noise."""
 _MARGIN = 8
 """Bins: the shortest period, and the reach of the interpolation at the ends of the recording."""
 _LARGEST_HARMONIC = 12
@@ -90,8 +92,9 @@ def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
     best = _interpolated_peak(features, int(peaks[np.argmax(r[peaks])]))
     in_hz = NANOSECONDS / activity.bin
     lag, multiples = best, []
+    shortest = float(peaks[0]) - 1  # before the first peak images are alike because little has moved
     for divisor in range(_LARGEST_HARMONIC, 1, -1):
-        if best / divisor >= _MARGIN and _significance(features, best, best / divisor) < options.harmonic_z:
+        if best / divisor >= shortest and _significance(features, best, best / divisor) < options.harmonic_z:
             lag = best / divisor
             multiples = [Harmonic(in_hz / best, _correlation(r, best), 0.0)]
             break
@@ -104,7 +107,7 @@ def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
     fractions = [
         Harmonic(k * in_hz / lag, _correlation(r, lag / k), _significance(features, lag, lag / k))
         for k in range(2, _LARGEST_HARMONIC + 1)
-        if lag / k >= _MARGIN
+        if lag / k >= shortest
     ]
     considered = sorted((h for h in multiples + fractions if h.correlation > 0), key=lambda h: -h.correlation)
     return SpinRate(in_hz / _refine(features, r, lag, longest), correlation, prominence, tuple(considered))
@@ -116,7 +119,9 @@ def _features(activity: Activity) -> Matrix:
     Smoothing over a few bins limits the band, so that lags between two bins can be interpolated.
     """
     flat = np.sqrt(activity.counts.reshape(len(activity.counts), -1).astype(np.float64))
-    smooth = gaussian_filter1d(flat[:, flat.any(axis=0)], _SMOOTHING_BINS, axis=0)
+    power = flat.var(axis=0)
+    busiest = np.sort(np.argsort(power, kind="stable")[::-1][:_MOST_FEATURES])
+    smooth = gaussian_filter1d(flat[:, busiest[power[busiest] > 0]], _SMOOTHING_BINS, axis=0)
     return np.asarray(smooth - smooth.mean(axis=0))
 
 

@@ -33,15 +33,17 @@ class Start:
     colmap_note: str
 
 
-def choose_start(tracks: Tracks, obs: Observations, camera: Camera, rate_hz: float, options: BackendOptions) -> Start:
+def choose_start(
+    tracks: Tracks, obs: Observations, camera: Camera, rate_hz: float, options: BackendOptions, thorough: bool
+) -> Start:
     """Make the starts that the options ask for and take the one of lower robust cost; COLMAP's on a tie.
 
-    obs: one point per track. Raises BackendError when no start succeeds.
+    obs: one point per track. thorough: without it COLMAP runs only when it is the only start.
+    Raises BackendError when no start succeeds.
     """
     direct = None if options.start.method == "colmap" else direct_start(obs, rate_hz, options.start)
     second = direct.second if direct else None
-    if options.start.method == "direct":
-        assert direct is not None
+    if direct is not None and (options.start.method == "direct" or not thorough):
         return Start(direct.best, "direct", second, "COLMAP was not asked for")
     try:
         model = colmap_start(tracks, camera, options.start)

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from esfo_core.activity import Activity, ActivityError
@@ -36,6 +36,7 @@ def piece(t0, bins, value=1, bin_ns=10, cell=CELL, grid=GRID):
     return Activity(t0, bin_ns, cell, np.full((bins, 2, *grid), value, np.uint16))
 
 
+@settings(deadline=None)  # a busy machine is no failure
 @given(st.lists(event, max_size=60), st.integers(-300, 300), st.integers(1, 9), st.integers(1, 400))
 def test_counts_are_those_of_the_slow_twin(listed, t0, bins, bin_ns):
     activity = Activity.from_events(pack(listed), t0, bins, bin_ns, CELL, GRID)
@@ -68,6 +69,7 @@ def test_events_outside_the_grid_are_an_error_and_never_counted_elsewhere(x, y):
         Activity.from_events(pack([(x, y, 0, 5)]), 0, 1, 10, CELL, GRID)
 
 
+@settings(deadline=None)  # a busy machine is no failure
 @given(st.lists(event, max_size=60), st.lists(st.integers(1, 5), min_size=1, max_size=6), st.randoms())
 def test_pieces_join_to_the_whole(listed, lengths, random):
     events = pack(listed)

@@ -1,0 +1,47 @@
+"""The `esfo` command."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+
+from esfo_bringup import __version__
+from esfo_bringup.commands import evaluate, info, live, run, simulate
+from esfo_core.errors import EsfoError
+
+_COMMANDS = (simulate, info, run, live, evaluate)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command; returns the exit code: 0 on a result, 1 with one line on stderr on a known error."""
+    parser = argparse.ArgumentParser(
+        prog="esfo", description="Spin rate, axis and shape of a spinning object from an event camera."
+    )
+    parser.add_argument("--version", action="version", version=f"esfo {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for command in _COMMANDS:
+        command.add_to(commands)
+    args = parser.parse_args(argv)
+    try:
+        return int(args.execute(args))
+    except EsfoError as error:
+        sys.stderr.write(f"esfo: {' '.join(str(error).split())}\n")
+        return 1
+    except OSError as error:
+        sys.stderr.write(f"esfo: {error.filename}: {error.strerror}\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("esfo: interrupted\n")
+        return 130
+
+
+def console() -> None:
+    """Entry point; a reader that closes the pipe early is no error."""
+    try:
+        code = main()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    sys.exit(code)

@@ -1,0 +1,50 @@
+"""Arguments that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from esfo_bringup.errors import CommandError
+from esfo_bringup.offline import RunResult
+from esfo_bringup.results import summary
+from esfo_bringup.settings import RunSettings, settings_for
+from esfo_core.options import parse_assignments
+
+Commands = argparse._SubParsersAction  # the only name that argparse has for it
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what `run` and `live` take alike."""
+    parser.add_argument("recording", type=Path, help="bag (file or folder), Prophesee .raw or .dat")
+    parser.add_argument("--camera", type=Path, metavar="YAML", help="camera_calibration file (default: in the bag)")
+    parser.add_argument("--preset", default="default", choices=("default", "paper"), help="values of all options")
+    parser.add_argument(
+        "-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help="set one option; may be repeated"
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+
+
+def settings_of(args: argparse.Namespace) -> RunSettings:
+    """Return the settings that the arguments ask for."""
+    return settings_for(args.preset, parse_assignments(args.set))
+
+
+def check_output(folder: Path) -> None:
+    """Raise CommandError unless results can be written to `folder`; before the work, not after it."""
+    if folder.exists() and not folder.is_dir():
+        raise CommandError(f"{folder} is not a folder")
+    parent = folder if folder.is_dir() else next(p for p in folder.absolute().parents if p.exists())
+    if not os.access(parent, os.W_OK):
+        raise CommandError(f"{parent} cannot be written to")
+
+
+def report(result: RunResult, folder: Path) -> int:
+    """Print the result; the exit code is 0 for `ok` and 1, with one line of reason, otherwise."""
+    for line in summary(result):
+        print(line)
+    print(f"written     {folder}/orbit.json, report.html")
+    if result.estimate.status != "ok":
+        raise CommandError(f"{result.estimate.status}: {result.estimate.reason}")
+    return 0

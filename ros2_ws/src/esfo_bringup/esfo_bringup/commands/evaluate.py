@@ -1,0 +1,52 @@
+"""`esfo evaluate`: a result beside the truth of a simulation."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from esfo_core.evaluation import compare
+
+from esfo_bringup.commands.arguments import Commands
+from esfo_bringup.errors import CommandError
+
+
+def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser("evaluate", help="compare a result with the truth")
+    parser.add_argument("result", type=Path, metavar="DIR", help="folder that run or live wrote")
+    parser.add_argument("--truth", type=Path, required=True, metavar="JSON", help="truth that simulate wrote")
+    parser.add_argument("--max-rate-error", type=float, metavar="PERCENT", help="fail above this error of the rate")
+    parser.add_argument("--max-axis-error", type=float, metavar="DEGREES", help="fail above this error of the axis")
+    parser.set_defaults(execute=execute)
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Print estimate, truth and error side by side."""
+    orbit, truth = _read(args.result / "orbit.json"), _read(args.truth)
+    found = compare(orbit, truth)
+    rate_percent = 100 * found.rate_error
+    print(f"{'':14}{'estimate':>30}{'truth':>30}{'error':>16}")
+    print(f"{'spin rate, Hz':14}{orbit['spin_rate_hz']:>30.6f}{truth['spin_rate_hz']:>30.6f}{rate_percent:>14.4f} %")
+    axes = ["({:+.4f}, {:+.4f}, {:+.4f})".format(*d["axis"]) for d in (orbit, truth)]
+    print(f"{'axis':14}{axes[0]:>30}{axes[1]:>30}{found.axis_error_deg:>12.3f} deg")
+    print(f"status {orbit['status']}, {orbit['points']} points, start {orbit['initialisation']}")
+    for name, error, limit in (
+        ("rate", abs(rate_percent), args.max_rate_error),
+        ("axis", found.axis_error_deg, args.max_axis_error),
+    ):
+        if limit is not None and not error <= limit:
+            raise CommandError(f"the error of the {name} is {error:.4f}, more than {limit:g}")
+    return 0
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+    except (ValueError, UnicodeDecodeError) as error:
+        raise CommandError(f"{path}: not a JSON file ({error})") from error
+    if not isinstance(content, dict):
+        raise CommandError(f"{path}: not a JSON object")
+    return content

@@ -1,0 +1,44 @@
+"""`esfo live`: the same as `esfo run`, through the real ROS graph."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import subprocess
+import sys
+
+from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, settings_of
+from esfo_bringup.errors import CommandError
+from esfo_bringup.offline import open_source
+
+
+def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
+    """Declare the command."""
+    parser = commands.add_parser("live", help="the same through ROS nodes: replay, front-end and back-end over DDS")
+    add_live_arguments(parser)
+    parser.set_defaults(execute=execute)
+
+
+def add_live_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a live run."""
+    add_run_arguments(parser)
+    parser.add_argument(
+        "--rate", type=float, default=1.0, help="speed relative to real time; 0: as fast as nothing is lost (default 1)"
+    )
+
+
+def execute(args: argparse.Namespace) -> int:
+    """Check all input, then leave the work to a process of its own: this command works without ROS."""
+    if importlib.util.find_spec("rclpy") is None:
+        raise CommandError("ROS 2 is not in this environment: source a Jazzy install, or use make setup")
+    settings_of(args)
+    open_source(args.recording, args.camera)
+    check_output(args.output)
+    if not args.rate >= 0:
+        raise CommandError(f"--rate is {args.rate}; it takes 0 or more")
+    forwarded = [str(args.recording), "-o", str(args.output), "--preset", args.preset, "--rate", str(args.rate)]
+    for assignment in args.set:
+        forwarded += ["-p", assignment]
+    if args.camera is not None:
+        forwarded += ["--camera", str(args.camera)]
+    return subprocess.call([sys.executable, "-m", "esfo_bringup.live.node", *forwarded])

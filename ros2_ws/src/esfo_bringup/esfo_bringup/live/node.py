@@ -1,0 +1,204 @@
+"""ROS node of a live run: starts replay, front-end and back-end, collects what they publish, checks nothing is lost."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from esfo_msgs.msg import EventActivity, FeatureTracks, OrbitEstimate
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+from tqdm import tqdm
+
+from esfo_backend import messages
+from esfo_bringup.commands.arguments import report, settings_of
+from esfo_bringup.commands.live import add_live_arguments
+from esfo_bringup.errors import CommandError
+from esfo_bringup.live.processes import NodeProcess, NodeProcesses
+from esfo_bringup.offline import RunResult, Source, open_source, with_source
+from esfo_bringup.results import write_results
+from esfo_core.errors import EsfoError
+from esfo_core.options import fields_of, parse_assignments
+from esfo_core.tracks import Tracks
+from esfo_frontend.options import FrontendOptions
+
+_START_S = 120.0
+_SETTLE_S = 60.0
+_SOLVE_S = 600.0
+_EVERYTHING = QoSProfile(depth=100_000)
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class CollectorNode(Node):  # type: ignore[misc]
+    """Keeps the tracks and the latest orbit; asks the others to finish."""
+
+    def __init__(self, bar: tqdm[None]) -> None:
+        super().__init__("collector")
+        self.tracks: list[Tracks] = []
+        self.orbit: OrbitEstimate | None = None
+        self.orbits = 0
+        self.points: PointCloud2 | None = None
+        self._bar, self._begin = bar, 0
+        self.create_subscription(FeatureTracks, "feature_tracks", self._on_tracks, _EVERYTHING)
+        self.create_subscription(EventActivity, "event_activity", self._on_activity, _EVERYTHING)
+        self.create_subscription(OrbitEstimate, "orbit", self._on_orbit, _LATCHED)
+        self.create_subscription(PointCloud2, "points", self._on_points, _LATCHED)
+
+    @property
+    def observations(self) -> int:
+        """Rows received."""
+        return sum(len(t) for t in self.tracks)
+
+    def _on_tracks(self, message: FeatureTracks) -> None:
+        self.tracks.append(messages.update_from(message).observations)
+
+    def _on_activity(self, message: EventActivity) -> None:
+        self._begin = self._begin or message.t0
+        self._bar.update((message.t0 - self._begin) / 1e9 - self._bar.n)
+
+    def _on_points(self, message: PointCloud2) -> None:
+        self.points = message
+
+    def _on_orbit(self, message: OrbitEstimate) -> None:
+        self.orbit = message
+        self.orbits += 1
+        seen = (message.t_last - message.t_first) / 1e9
+        if message.status == OrbitEstimate.STATUS_FAILED:
+            tqdm.write(f"{seen:7.2f} s  no estimate: {message.reason}")
+        else:
+            tqdm.write(f"{seen:7.2f} s  {message.rate_hz:.5f} Hz +- {message.rate_std_hz:.5f}, {message.points} points")
+
+    def spin_until(self, done: Callable[[], bool], processes: NodeProcesses, timeout_s: float, what: str) -> None:
+        """Handle messages until `done`. Raises CommandError when a process dies or after the time."""
+        end = time.monotonic() + timeout_s
+        while not done():
+            rclpy.spin_once(self, timeout_sec=0.1)
+            processes.check()
+            if time.monotonic() > end:
+                raise CommandError(f"{what} took more than {timeout_s:.0f} s")
+
+    def ask(self, service: str, processes: NodeProcesses, timeout_s: float) -> dict[str, str]:
+        """Call a Trigger service; return the `name=value` words of its answer."""
+        client = self.create_client(Trigger, service)
+        try:
+            self.spin_until(client.service_is_ready, processes, _START_S, f"finding {service}")
+            future = client.call_async(Trigger.Request())
+            self.spin_until(future.done, processes, timeout_s, service)
+        finally:
+            self.destroy_client(client)
+        return dict(word.split("=", 1) for word in future.result().message.split() if "=" in word)
+
+
+def run_live(source: Source, args: argparse.Namespace, folder: Path) -> RunResult:
+    """Play the recording through the graph. Raises CommandError when anything was lost or a node died."""
+    with (
+        tqdm(desc="live", unit=" s", disable=None, bar_format="{desc}: {n:.1f} s of the recording | {elapsed}") as bar,
+        NodeProcesses(folder) as processes,
+    ):
+        collector = CollectorNode(bar)
+        replay = _start(source, args, folder, processes)
+        collector.spin_until(lambda: replay.exit_code() == 0, processes, float("inf"), "replay")
+        _finish(collector, replay, processes)
+        assert collector.orbit is not None
+        estimate = messages.estimate_from(collector.orbit, collector.points)
+        collector.destroy_node()
+    return RunResult(with_source(estimate, source), Tracks.concatenate(collector.tracks).sorted(), None, "")
+
+
+def _start(source: Source, args: argparse.Namespace, folder: Path, processes: NodeProcesses) -> NodeProcess:
+    """Start the three nodes with a configuration in which nothing may be lost; return the replay."""
+    camera = folder / "camera.yaml"
+    source.camera.write_yaml(camera)
+    of_frontend = {leaf.name for leaf in fields_of(FrontendOptions())}
+    chosen = parse_assignments(args.set)
+    backend = {k: v for k, v in chosen.items() if k not in of_frontend}
+    frontend = {k: v for k, v in chosen.items() if k in of_frontend}
+    processes.start(
+        "esfo_backend", "backend_node", {"preset": args.preset, "use_sim_time": True, "idle_solve_s": 0.0, **backend}
+    )
+    processes.start(
+        "esfo_frontend",
+        "frontend_node",
+        {
+            "preset": args.preset,
+            "events.reliability": "reliable",
+            "events.depth": 100_000,
+            "queue": 1_000_000,
+            "wait_for_back_end": True,
+            "idle_flush_s": 0.0,
+            **frontend,
+        },
+    )
+    return processes.start(
+        "esfo_bringup",
+        "replay_node",
+        {
+            "recording": source.recording.path.absolute(),
+            "camera": camera,
+            "rate": args.rate,
+            "wait_timeout_s": _START_S,
+        },
+    )
+
+
+def _finish(collector: CollectorNode, replay: NodeProcess, processes: NodeProcesses) -> None:
+    """Let the front-end end its tracks and the back-end solve with all of them."""
+    published = re.search(r"published (\d+) packets", replay.log())
+    flushed = collector.ask("frontend/flush", processes, _SOLVE_S)
+    if published is None or flushed["packets"] != published[1]:
+        sent = published[1] if published else "an unknown number of"
+        raise CommandError(f"the front-end received {flushed['packets']} of {sent} packets")
+    rows = int(flushed["observations"])
+    collector.spin_until(lambda: collector.observations >= rows, processes, _SETTLE_S, "receiving the last tracks")
+    end = time.monotonic() + _SETTLE_S
+    while True:
+        before = collector.orbits
+        solved = collector.ask("backend/solve", processes, _SOLVE_S)
+        if all(solved[name] == flushed[name] for name in ("observations", "activity_bins")):
+            break
+        if time.monotonic() > end:
+            raise CommandError(f"the back-end received {solved['observations']} of {rows} observations")
+    collector.spin_until(lambda: collector.orbits > before, processes, _SETTLE_S, "receiving the orbit")
+    orbit = collector.orbit
+    if orbit is not None and orbit.status != OrbitEstimate.STATUS_FAILED:
+        collector.spin_until(
+            lambda: collector.points is not None and collector.points.header.stamp == orbit.header.stamp,
+            processes,
+            _SETTLE_S,
+            "receiving the points",
+        )
+
+
+def main() -> int:
+    """Run a live session with the arguments of `esfo live`."""
+    parser = argparse.ArgumentParser(prog="esfo live")
+    add_live_arguments(parser)
+    args = parser.parse_args()
+    try:
+        rclpy.init(args=[])
+        settings_of(args)
+        source = open_source(args.recording, args.camera)
+        with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
+            result = run_live(source, args, Path(folder))
+        write_results(result, source, args.output)
+        return report(result, args.output)
+    except EsfoError as error:
+        sys.stderr.write(f"esfo: {' '.join(str(error).split())}\n")
+        return 1
+    except KeyboardInterrupt:
+        sys.stderr.write("esfo: interrupted\n")
+        return 130
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,82 @@
+"""The pipeline without ROS: the same Frontend and Backend as in the nodes, driven by a recording."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from esfo_backend.backend import Backend
+from esfo_bringup.progress import follow
+from esfo_bringup.settings import RunSettings
+from esfo_core.camera import Camera
+from esfo_core.errors import CameraError, RecordingError
+from esfo_core.estimate import OrbitEstimate
+from esfo_core.recordings import Recording, open_recording
+from esfo_core.tracks import Tracks
+from esfo_frontend.frontend import Frontend, Statistics
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """Outcome of a run: the estimate, all tracks, and what the front-end counted (None after a live run)."""
+
+    estimate: OrbitEstimate
+    tracks: Tracks
+    statistics: Statistics | None
+    note: str
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording with the camera to use; assumed: the camera is a guess, because nothing tells it."""
+
+    recording: Recording
+    camera: Camera
+    assumed: bool
+
+
+def open_source(path: Path, camera_file: Path | None) -> Source:
+    """Open a recording and find its camera: the file given, that of the recording, or a guess that is named so.
+
+    Raises RecordingError, and CameraError when the camera is of another size than the sensor.
+    """
+    recording = open_recording(path)
+    camera = recording.camera if camera_file is None else Camera.read_yaml(camera_file)
+    if camera is None:
+        # A lens of 53 degrees: the rate hardly depends on it, the axis does.
+        return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)
+    if (camera.width, camera.height) != (recording.width, recording.height):
+        raise CameraError(
+            f"the camera is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
+        )
+    return Source(recording, camera, False)
+
+
+def run_offline(source: Source, settings: RunSettings) -> RunResult:
+    """Track the whole recording, then estimate once. Raises RecordingError for a recording without events."""
+    recording = source.recording
+    frontend = Frontend(recording.width, recording.height, settings.frontend)
+    backend = Backend(source.camera, settings.backend)
+    tracks: list[Tracks] = []
+    begin = time.perf_counter()
+    for events in follow(recording, recording.chunks(), "tracking"):
+        output = frontend.process(events)
+        backend.add(output.tracks, output.activity)
+        tracks.append(output.tracks.observations)
+    output = frontend.flush()
+    backend.add(output.tracks, output.activity)
+    tracks.append(output.tracks.observations)
+    if not frontend.statistics.events:
+        raise RecordingError(f"{recording.path}: no events")
+    tracking_s = time.perf_counter() - begin
+    estimate = with_source(backend.solve(), source)
+    estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
+    return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)
+
+
+def with_source(estimate: OrbitEstimate, source: Source) -> OrbitEstimate:
+    """Name what the source leaves open: `intrinsics_assumed` when the camera is a guess."""
+    if not source.assumed:
+        return estimate
+    return replace(estimate, flags=(*estimate.flags, "intrinsics_assumed"))

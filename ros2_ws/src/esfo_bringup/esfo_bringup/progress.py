@@ -1,0 +1,32 @@
+"""Progress bars: on a terminal a bar, in a log nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NoReturn, TypeVar
+
+from tqdm import tqdm
+
+from esfo_core.recordings import Recording
+
+T = TypeVar("T")
+
+_FORMAT = "{l_bar}{bar}| {elapsed} left {remaining}"
+
+
+def share_bar(name: str) -> tqdm[NoReturn]:
+    """Bar from 0 to 1 that shows itself after a second; move it with `advance`."""
+    return tqdm(total=1.0, desc=name, bar_format=_FORMAT, disable=None, delay=1.0, leave=False)
+
+
+def advance(bar: tqdm[NoReturn], share: float) -> None:
+    """Move the bar to `share` of the whole."""
+    bar.update(share - bar.n)
+
+
+def follow(recording: Recording, chunks: Iterable[T], name: str) -> Iterator[T]:
+    """Pass chunks of a recording on and show how much of the file has been read."""
+    with share_bar(name) as bar:
+        for chunk in chunks:
+            yield chunk
+            advance(bar, recording.progress())

@@ -1,0 +1,53 @@
+"""What a run leaves behind: orbit.json, points.ply, tracks.csv, axis.png and report.html."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+from platform import python_version
+
+import numpy as np
+import trimesh
+
+from esfo_bringup import __version__
+from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.picture import draw_events
+from esfo_bringup.report import write_report
+
+_LIBRARIES = ("numpy", "numba", "hdbscan", "gtsam", "pycolmap")
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that may change a number in the result."""
+    return {"esfo": __version__, "python": python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
+
+
+def write_results(result: RunResult, source: Source, folder: Path) -> None:
+    """Write all files into `folder`, which is made; points.ply only where there are points."""
+    folder.mkdir(parents=True, exist_ok=True)
+    estimate = result.estimate
+    estimate.write_json(folder / "orbit.json", versions())
+    result.tracks.write_csv(folder / "tracks.csv")
+    points = folder / "points.ply"
+    points.unlink(missing_ok=True)
+    if len(estimate.points):
+        cloud = trimesh.PointCloud(estimate.points.astype(np.float32))  # type: ignore[no-untyped-call]
+        cloud.export(points)  # type: ignore[no-untyped-call]
+    draw_events(result, source, folder / "axis.png")
+    write_report(result, source, folder)
+
+
+def summary(result: RunResult) -> list[str]:
+    """Lines that say the result to a person."""
+    e = result.estimate
+    lines = []
+    if e.spin is not None:
+        x, y, z = e.spin.axis
+        lines += [
+            f"spin rate   {e.spin.rate_hz:.6f} Hz +- {e.rate_std_hz:.6f}  ({60 * e.spin.rate_hz:.3f} rpm)",
+            f"axis        ({x:+.4f}, {y:+.4f}, {z:+.4f}) +- {e.axis_std_deg:.3f} deg, camera frame",
+            f"structure   {len(e.points)} points from {e.tracks} tracks, {e.observations} observations, "
+            f"{e.revolutions:.2f} turns, {e.rms_px:.2f} px RMS",
+            f"start       {e.initialisation} ({result.note})" if result.note else f"start       {e.initialisation}",
+        ]
+    return [*lines, f"status      {e.status}" + (f" [{', '.join(e.flags)}]" if e.flags else "")]

@@ -1,0 +1,1 @@
+"""Simulated recordings and tracks with exact truth."""

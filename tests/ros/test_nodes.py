@@ -29,7 +29,7 @@ from esfo_core.recordings import open_recording, write_mcap
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 
-PATIENCE_S = 40.0
+PATIENCE_S = 180.0  # the first run of all compiles the kernels
 DURATION_S = 1.9
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPLAYED = ["-p", "use_sim_time:=true", "-p", "wait_for_back_end:=true", "-p", "events.reliability:=reliable"]

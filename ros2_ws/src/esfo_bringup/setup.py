@@ -19,5 +19,7 @@ setup(
         *((f"share/{PACKAGE}/{folder}", [str(p) for p in Path(folder).iterdir() if p.is_file()]) for folder in SHARED),
     ],
     zip_safe=False,
-    entry_points={"console_scripts": ["esfo = esfo_bringup.cli:console", "replay_node = esfo_bringup.replay.node:main"]},
+    entry_points={
+        "console_scripts": ["esfo = esfo_bringup.cli:console", "replay_node = esfo_bringup.replay.node:main"]
+    },
 )

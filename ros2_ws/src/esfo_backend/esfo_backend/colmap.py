@@ -22,7 +22,7 @@ pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
 
 _SEED = 1
 _MIN_SHARED = 8
-_WIDEST_PAIR = 12
+_WIDEST_PAIR = 6
 
 
 @dataclass(frozen=True)

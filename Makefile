@@ -10,7 +10,7 @@ setup: ## make .venv and build the ROS workspace (quick when nothing changed)
 	@scripts/setup.sh
 
 demo: setup ## simulate a spinning satellite and run it live through the ROS nodes, into demo/
-	@.venv/bin/esfo demo -o demo
+	@scripts/demo.sh
 
 test: setup ## run the tests
 	@source scripts/env.sh && python -m pytest

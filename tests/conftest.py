@@ -29,6 +29,12 @@ def free_domain() -> int:
     raise RuntimeError("every ROS domain of this machine is in use")
 
 
+@pytest.fixture(scope="session")
+def session_domain() -> int:
+    """A ROS domain for what several tests share."""
+    return free_domain()
+
+
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int:
     """A ROS domain of this test alone, set for this process and its children, which do not leave this machine."""

@@ -74,13 +74,13 @@ class LiveBackend:
         """Return whether there is enough news for another estimate."""
         return self._backend is not None and self._backend.due()
 
-    def solve(self) -> OrbitEstimate:
-        """Estimate from everything received; takes seconds."""
+    def solve(self, thorough: bool = True) -> OrbitEstimate:
+        """Estimate from everything received; takes seconds. thorough: as in `Backend.solve`."""
         backend = self._backend
         if backend is None:
             return OrbitEstimate.failure("no camera_info received", observations=self.observations)
         try:
-            return backend.solve()
+            return backend.solve(thorough)
         except EsfoError as error:
             return OrbitEstimate.failure(str(error), observations=self.observations)
 

@@ -101,10 +101,10 @@ class BackendNode(Node):  # type: ignore[misc]
 
     def _solve_if_due(self, _: None) -> None:
         if self._live.due():
-            self._solve()
+            self._solve(thorough=False)
 
-    def _solve(self) -> str:
-        estimate = self._live.solve()
+    def _solve(self, thorough: bool = True) -> str:
+        estimate = self._live.solve(thorough)
         self._publish(estimate)
         self.get_logger().info(summary(estimate))
         counts = f"observations={self._live.observations} activity_bins={self._live.activity_bins}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 
 from esfo_bringup import __version__
@@ -38,6 +39,8 @@ def main(argv: list[str] | None = None) -> int:
 
 def console() -> None:
     """Entry point; a reader that closes the pipe early is no error."""
+    # Importing pycolmap makes SIGTERM print a stack dump and abort.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         code = main()
         sys.stdout.flush()

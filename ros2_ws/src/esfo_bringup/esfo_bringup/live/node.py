@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import rclpy
 from esfo_msgs.msg import EventActivity, FeatureTracks, OrbitEstimate
@@ -40,7 +41,7 @@ _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class CollectorNode(Node):  # type: ignore[misc]
     """Keeps the tracks and the latest orbit; asks the others to finish."""
 
-    def __init__(self, bar: tqdm[None]) -> None:
+    def __init__(self, bar: tqdm[NoReturn]) -> None:
         super().__init__("collector")
         self.tracks: list[Tracks] = []
         self.orbit: OrbitEstimate | None = None

@@ -96,9 +96,10 @@ class Simulation:
             size, origin = (self.camera.width, self.camera.height), (self.window.x, self.window.y)
             sensor = Sensor(frame(0), size, origin, self.options.sensor, rng)
             step_ns = NANOSECONDS / (self.spin.rate_hz * self.frames)
+            # Every border is computed once: a step may not end a rounding error after the next one begins.
+            borders = self.spin.t0 + step_ns * np.arange(steps + 1)
             for k in range(steps):
-                begin = self.spin.t0 + k * step_ns
-                events = sensor.step(frame(k + 1), (begin, begin + step_ns))
+                events = sensor.step(frame(k + 1), (float(borders[k]), float(borders[k + 1])))
                 report(0.5 + 0.5 * (k + 1) / steps)
                 if len(events):
                     yield events

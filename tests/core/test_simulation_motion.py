@@ -78,3 +78,15 @@ def test_later_turns_repeat_the_first():
     for name in ("x", "y", "p"):
         np.testing.assert_array_equal(second[name], third[name])
     assert np.abs(third["t"] - second["t"] - NANOSECONDS / scene.spin.rate_hz).max() <= 1000
+
+
+def test_the_mesh_of_a_later_time_is_the_turned_one(scene_and_events):
+    scene, _ = scene_and_events
+    t = scene.spin.t0 + round(0.3 * NANOSECONDS)
+    moved = scene.spin.transform(scene.model.vertices, t)
+    np.testing.assert_allclose(scene.model_at(t).vertices + scene.spin.center, moved, atol=1e-12)
+    # seen from the time t on, that mesh moves as before
+    later = Spin(scene.spin.axis, scene.spin.rate_hz, scene.spin.center, t)
+    end = t + round(0.2 * NANOSECONDS)
+    expected = scene.spin.transform(scene.model.vertices, end)
+    np.testing.assert_allclose(later.transform(scene.model_at(t).vertices, end), expected, atol=1e-12)

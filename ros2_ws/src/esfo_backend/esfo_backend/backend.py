@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -29,13 +29,18 @@ from esfo_core.options import check
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks, TrackUpdate
 
+STAGES = ("spin_rate", "start", "reidentification", "graph")
+"""Names of the stages of an estimate, in their order."""
+
 
 @dataclass
 class _Stopwatch:
+    on_stage: Callable[[str], None]
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
+        self.on_stage(name)
         begin = time.perf_counter()
         yield
         self.seconds[name] = round(time.perf_counter() - begin, 3)
@@ -53,13 +58,15 @@ class _Structure:
 class Backend:
     """Accumulates tracks and activity; estimates the orbit from all of them.
 
-    `add` and `due` are cheap and may be called from another thread than `solve`.
+    `add` and `due` are cheap and may be called from another thread than `solve`. on_stage: told the name of each of
+    STAGES as it begins. last_start_note: what became of COLMAP's start in the last estimate.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions | None = None) -> None:
         self.options = options or BackendOptions()
         check(self.options)
         self.camera = camera
+        self.on_stage: Callable[[str], None] = lambda name: None
         self.last_start_note = ""
         self._tracks: list[Tracks] = []
         self._activity: list[Activity] = []
@@ -114,7 +121,7 @@ class Backend:
             "t_first": activity.t0,
             "t_last": activity.end,
         }
-        watch = _Stopwatch()
+        watch = _Stopwatch(self.on_stage)
         try:
             return self._solve(tracks, activity, watch, thorough)
         except BackendError as error:

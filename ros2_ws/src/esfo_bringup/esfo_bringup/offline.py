@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from esfo_backend.backend import Backend
-from esfo_bringup.progress import follow
+from esfo_backend.backend import STAGES, Backend
+from esfo_bringup.progress import follow, next_stage, stage_bar
 from esfo_bringup.settings import RunSettings
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, RecordingError
@@ -70,7 +70,9 @@ def run_offline(source: Source, settings: RunSettings) -> RunResult:
     if not frontend.statistics.events:
         raise RecordingError(f"{recording.path}: no events")
     tracking_s = time.perf_counter() - begin
-    estimate = with_source(backend.solve(), source)
+    with stage_bar(len(STAGES)) as bar:
+        backend.on_stage = lambda name: next_stage(bar, name)
+        estimate = with_source(backend.solve(), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
     return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)
 

@@ -30,3 +30,14 @@ def follow(recording: Recording, chunks: Iterable[T], name: str) -> Iterator[T]:
         for chunk in chunks:
             yield chunk
             advance(bar, recording.progress())
+
+
+def stage_bar(stages: int) -> tqdm[NoReturn]:
+    """Bar of whole stages; `next_stage` begins one."""
+    return tqdm(total=stages, bar_format="{desc}: {bar}| {elapsed}", disable=None, delay=1.0, leave=False)
+
+
+def next_stage(bar: tqdm[NoReturn], name: str) -> None:
+    """Show the name of the stage that begins."""
+    bar.set_description(f"estimating, {name.replace('_', ' ')}")
+    bar.update()

@@ -7,10 +7,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from esfo_core.evaluation import compare
-
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.errors import CommandError
+from esfo_core.evaluation import compare
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:

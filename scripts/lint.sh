@@ -3,5 +3,5 @@
 cd "$(dirname "${BASH_SOURCE[0]}")/.." && source scripts/env.sh || exit 1
 set -euo pipefail
 ruff format --check .
-ruff check .
+ruff check --no-cache .
 mypy ros2_ws/src/esfo_{core,frontend,backend,bringup}/esfo_*

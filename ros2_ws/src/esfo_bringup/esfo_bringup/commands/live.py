@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import signal
 import subprocess
 import sys
 
@@ -41,4 +42,16 @@ def execute(args: argparse.Namespace) -> int:
         forwarded += ["-p", assignment]
     if args.camera is not None:
         forwarded += ["--camera", str(args.camera)]
-    return subprocess.call([sys.executable, "-m", "esfo_bringup.live.node", *forwarded])
+    return _run_session([sys.executable, "-m", "esfo_bringup.live", *forwarded])
+
+
+def _run_session(command: list[str]) -> int:
+    """Run the session in a group of its own and end it with this process, whichever signal that gets."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    process = subprocess.Popen(command, start_new_session=True)
+    try:
+        return process.wait()
+    except KeyboardInterrupt:
+        process.send_signal(signal.SIGINT)
+        process.wait()  # it ends its nodes, which takes some seconds
+        raise

@@ -195,11 +195,6 @@ def main() -> int:
         sys.stderr.write(f"esfo: {' '.join(str(error).split())}\n")
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write("esfo: interrupted\n")
-        return 130
+        return 130  # the command that started this one says so
     finally:
         rclpy.try_shutdown()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,120 @@
+"""Where the time goes, from events to orbit, on a simulated scene: prints the tables of docs/benchmarks.md."""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import statistics
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from esfo_backend.adjust import adjust, linear_points
+from esfo_backend.backend import Backend
+from esfo_backend.graph import optimise_graph
+from esfo_backend.options import PRESETS as BACKEND_PRESETS
+from esfo_backend.problem import motion_from_axis, observations
+from esfo_core.camera import Camera
+from esfo_core.events import EventArray
+from esfo_core.orbit import NANOSECONDS, Spin, angle_between
+from esfo_core.simulation.scene import SceneOptions, simulate
+from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
+from esfo_frontend.corners import CornerDetector
+from esfo_frontend.frontend import Frontend
+from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
+
+
+def cpu(work: Callable[[], object]) -> float:
+    """CPU seconds of this process that `work` takes."""
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
+
+
+def front_end(events: EventArray, camera: Camera, preset: str) -> tuple[Frontend, Backend, float]:
+    """Run the front-end in packets of 10 ms; return it, a back-end with its output, and the CPU seconds."""
+    frontend = Frontend(camera.width, camera.height, FRONTEND_PRESETS[preset])
+    backend = Backend(camera, BACKEND_PRESETS[preset])
+    edges = np.arange(events["t"][0], events["t"][-1] + 10_000_000, 10_000_000)
+    packets = np.split(events, np.searchsorted(events["t"], edges[1:]))
+
+    def run() -> None:
+        for packet in packets:
+            output = frontend.process(packet)
+            backend.add(output.tracks, output.activity)
+        output = frontend.flush()
+        backend.add(output.tracks, output.activity)
+
+    return frontend, backend, cpu(run)
+
+
+def pipeline(revolutions: float) -> None:
+    """Time both presets on one simulated scene, beside its truth."""
+    simulation = simulate(SceneOptions(revolutions=revolutions))
+    chunks: list[EventArray] = []
+    seconds = cpu(lambda: chunks.extend(simulation.chunks()))
+    events = np.concatenate(chunks)
+    length = (events["t"][-1] - events["t"][0]) / NANOSECONDS
+    camera, truth = simulation.camera, simulation.spin
+    print(
+        f"scene: {len(events) / 1e6:.2f} M events, {length:.2f} s, {camera.width}x{camera.height}, {seconds:.1f} CPU s"
+    )
+    front_end(events[: len(events) // 20], camera, "default")  # compiles
+    corners = cpu(
+        lambda: CornerDetector(camera.width, camera.height, FRONTEND_PRESETS["default"].corners).detect(events)
+    )
+    print(f"eFAST alone: {len(events) / corners / 1e6:.2f} Mev per CPU s")
+    print(
+        "| preset | front-end, CPU s | of real time | Mev/s | corners | tracks | back-end | rate off by | axis off by |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|")
+    for preset in ("default", "paper"):
+        frontend, backend, took = front_end(events, camera, preset)
+        s = frontend.statistics
+        estimate = backend.solve()
+        row = (
+            f"| {preset} | {took:.1f} | {took / length:.1f} x | {len(events) / took / 1e6:.2f} | {s.kept} | {s.tracks} "
+        )
+        stages = ", ".join(f"{name} {value:.2f} s" for name, value in estimate.timing_s.items())
+        if estimate.spin is None:
+            print(f"{row}| {stages} | {estimate.reason} | |")
+            continue
+        rate = 100 * (estimate.spin.rate_hz / truth.rate_hz - 1)
+        axis = angle_between(estimate.spin.axis, truth.axis)
+        print(f"{row}| {stages}, {estimate.initialisation} | {rate:+.4f} % | {axis:.3f} deg |")
+
+
+def solvers() -> None:
+    """Time one iteration of both solvers on about 300 points x 60 rows."""
+    camera = Camera.pinhole(640, 480, 800.0)
+    axis = np.array([0.3, -0.8, 0.4]) / np.linalg.norm([0.3, -0.8, 0.4])
+    spin = Spin(axis, 0.5, np.array([0.1, 0.05, 4.0]), 0)
+    scene = synthetic_tracks(spin, camera, SyntheticTrackOptions(points=300, track_s=1.8, window_s=0.03, noise_px=0.5))
+    every, ids = observations(scene.tracks, camera, 4)
+    _, label = np.unique(scene.point_of_track[ids], return_inverse=True)
+    obs = every.regroup(label.astype(np.int64))
+    motion = motion_from_axis(axis, spin.center, 0.5005)
+    y = linear_points(motion, obs)
+    start = adjust(motion, y, obs, 1.0, iterations=1)
+    optimise_graph(start, obs, 1.0, 1)
+    fast = statistics.median(cpu(lambda: adjust(motion, y, obs, 1.0, iterations=3)) / 3 for _ in range(5))
+    graph = statistics.median(
+        (cpu(lambda: optimise_graph(start, obs, 1.0, 3)) - cpu(lambda: optimise_graph(start, obs, 1.0, 1))) / 2
+        for _ in range(5)
+    )
+    print(f"solvers, {obs.points} points, {len(obs.rows.dt)} rows, CPU ms per iteration:")
+    print(f"numba Schur {1e3 * fast:.1f}, GTSAM {1e3 * graph:.1f}, ratio {graph / fast:.1f}")
+
+
+def main() -> None:
+    """Run both parts."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--revolutions", type=float, default=2.5)
+    pipeline(parser.parse_args().revolutions)
+    solvers()
+    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+
+
+if __name__ == "__main__":
+    main()

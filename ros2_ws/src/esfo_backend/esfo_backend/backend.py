@@ -13,6 +13,7 @@ import numpy as np
 from esfo_backend.adjust import Adjusted, adjust
 from esfo_backend.covariance import motion_covariance
 from esfo_backend.direct import mean_direction
+from esfo_backend.drift import rate_drift
 from esfo_backend.errors import BackendError
 from esfo_backend.graph import GraphResult, optimise_graph
 from esfo_backend.options import BackendOptions
@@ -214,6 +215,8 @@ class Backend:
                 float(inliers.mean()),
                 alternatives,
                 min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
+                rate_drift(solution, obs, self.options.graph.cauchy_px),
+                (activity.end - activity.t0) / NANOSECONDS,
             ),
             self.options.verdict,
         )

@@ -63,6 +63,8 @@ class VerdictOptions:
     min_recurring: int = option(5, "points that must have been seen again after half a turn or more", 0)
     min_inliers: float = option(0.3, "share of tracks that must follow the motion", 0.0, 1.0)
     max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
+    drift_z: float = option(4.0, "significance in std at which a slope of the rate counts as one", 0.0)
+    max_drift: float = option(0.005, "change of the rate over the recording, relative, that is called constant", 0.0)
     mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.covariance import MotionCovariance
+from esfo_backend.drift import RateDrift
 from esfo_backend.options import VerdictOptions
 from esfo_core.estimate import Alternative, Status
 from esfo_core.orbit import Vector, angle_between
@@ -19,7 +20,7 @@ class Evidence:
     """What the verdict looks at.
 
     recurring: points seen again after half a turn or more, None where tracks were not re-identified. inliers: share of
-    tracks that follow the motion.
+    tracks that follow the motion. duration_s: length of the data.
     """
 
     rate_hz: float
@@ -31,6 +32,8 @@ class Evidence:
     inliers: float
     alternatives: tuple[Alternative, ...]
     harmonic_z: float
+    drift: RateDrift
+    duration_s: float
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class Verdict:
 
 
 def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
-    """Return `failed` when nothing spins, `degenerate` when the axis is not observable, `ok` otherwise."""
+    """Return `failed` when nothing spins, `degenerate` when rate or axis are not what they seem, `ok` otherwise."""
     failure = _failure(evidence, options)
     if failure:
         return Verdict("failed", (), failure)
@@ -52,6 +55,13 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         flags.append("harmonic_ambiguous")
     if any(a.kind != "harmonic" and a.score_ratio < options.mirror_ratio for a in evidence.alternatives):
         flags.append("mirror_ambiguous")
+    change = evidence.drift.slope * evidence.duration_s
+    if evidence.drift.significance > options.drift_z and abs(change) > options.max_drift * evidence.rate_hz:
+        flags.append("rate_not_constant")
+        g, s = evidence.drift.slope, evidence.drift.std
+        return Verdict(
+            "degenerate", tuple(flags), f"the rate is not constant: it changes by {g:+.5f} +- {s:.5f} Hz per second"
+        )
     std = float(np.degrees(np.sqrt(np.linalg.eigvalsh(evidence.covariance.axis_cov)[-1])))
     off_view = min(angle_between(evidence.axis, evidence.towards), angle_between(-evidence.axis, evidence.towards))
     if std > options.max_axis_std_deg or off_view < 3 * std:

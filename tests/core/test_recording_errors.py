@@ -9,7 +9,7 @@ import pytest
 from recording_bags import CAMERA, event_bag, everything, expect_error, info, packet, some_events, write_bag
 
 from esfo_core.camera import Camera
-from esfo_core.errors import CameraError, RecordingError
+from esfo_core.errors import CameraError, EsfoError, RecordingError
 from esfo_core.recordings import write_mcap
 from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET
 
@@ -96,7 +96,21 @@ def test_cameras_in_bags(tmp_path):
     two = [("/rgb/camera_info", CAMERA_INFO, info(other)), ("/cam/camera_info", CAMERA_INFO, info(CAMERA))]
     assert camera_of(*two).focal_px == 60
     assert camera_of(("/cam/camera_info", CAMERA_INFO, info(CAMERA, k=np.zeros(9)))) is None  # uncalibrated
+    for model in ("none", ""):
+        pinhole = camera_of(("/cam/camera_info", CAMERA_INFO, info(CAMERA, distortion_model=model, d=np.zeros(5))))
+        assert (pinhole.focal_px, len(pinhole.D)) == (60, 0)
+    with pytest.raises(CameraError, match="unknown distortion model 'none'"):
+        camera_of(("/cam/camera_info", CAMERA_INFO, info(CAMERA, distortion_model="none", d=np.ones(5))))
     with pytest.raises(RecordingError, match="640x480 pixels, the events of 64x48"):
         camera_of(("/cam/camera_info", CAMERA_INFO, info(other)))
     with pytest.raises(CameraError, match=r"bag\.mcap: '/cam/camera_info': camera matrix"):
         camera_of(("/cam/camera_info", CAMERA_INFO, info(CAMERA, k=np.full(9, np.nan))))
+
+
+@pytest.mark.parametrize("camera", [info(CAMERA, k=np.full(9, np.nan)), info(Camera.pinhole(640, 480, 500.0))])
+def test_events_beside_an_impossible_camera_can_be_read(tmp_path, camera):
+    messages = [("/cam/camera_info", CAMERA_INFO, camera), ("/cam/events", EVENT_PACKET, packet(some_events(10)))]
+    recording, chunks = everything(write_bag(tmp_path / "bag.mcap", messages))
+    assert (np.concatenate(chunks) == some_events(10)).all()
+    with pytest.raises(EsfoError, match=r"bag\.mcap: '/cam/camera_info'"):
+        _ = recording.camera

@@ -1,4 +1,4 @@
-"""Recordings in ROS bags: `event_camera_msgs/EventPacket` and, where there is one, its `CameraInfo`."""
+"""Recordings in ROS bags: packets or arrays of events and, where there is one, their `CameraInfo`."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from typing import Any
 
 from esfo_core.camera import Camera
 from esfo_core.codecs import Decoder, decoder
-from esfo_core.errors import CameraError, RecordingError
+from esfo_core.errors import CameraError, EsfoError, RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.bag_file import BagFile
 from esfo_core.recordings.cut_mcap import CutMcap, is_cut
-from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, camera_from_info
+from esfo_core.recordings.event_messages import EVENT_ARRAYS, EVENT_KINDS
+from esfo_core.recordings.messages import CAMERA_INFO, camera_from_info, stamp_of
 from esfo_core.recordings.recording import Recording
 
 
@@ -28,16 +29,19 @@ class BagRecording(Recording):
     def __init__(self, path: Path, files: Sequence[Path], kind: str, topic: str | None = None) -> None:
         super().__init__(path, sum(file.stat().st_size for file in files))
         self._files = [CutMcap(file) if file.suffix == ".mcap" and is_cut(file) else BagFile(file) for file in files]
-        topics = self._topics(EVENT_PACKET)
-        self.topic = _choose(topics, topic)
-        self._messages = topics[self.topic]
-        first = next((m for m in self._all(self.topic, EVENT_PACKET) if m is not None), None)
+        topics = self._topics(EVENT_KINDS)
+        self.topic, self._kind = _choose(topics, topic)
+        self._messages = topics[self.topic, self._kind]
+        first = next((m for m in self._all(self.topic, self._kind) if m is not None), None)
         if first is None:
             raise RecordingError(f"no readable message on the event topic {self.topic!r}")
         self.width, self.height, self.encoding = int(first.width), int(first.height), str(first.encoding)
-        self.format = f"{kind}, {self.encoding}"
+        self.format = f"{kind}, {self._kind.replace('/msg/', '/') if self._kind in EVENT_ARRAYS else self.encoding}"
         self._new_decoder()
-        self.camera = self._find_camera()
+        try:
+            self.camera = self._find_camera()
+        except EsfoError as error:
+            self.unusable_camera = type(error)(f"{path}: {error}")
 
     def progress(self) -> float:
         """Fraction of the event messages read."""
@@ -50,15 +54,15 @@ class BagRecording(Recording):
         statistics.decoder = events_of.statistics
         statistics.bytes_lost = sum(file.bytes_lost for file in self._files)
         latest: int | None = None
-        for message in self._all(self.topic, EVENT_PACKET):
+        for message in self._all(self.topic, self._kind):
             if message is None:
                 statistics.packets_damaged += 1
                 events_of.resynchronise()
                 latest = None if latest is None else latest + 1  # it had a number too: damaged, not lost
                 continue
             self._check_same(message)
-            seq = int(message.seq)
-            if latest is not None and seq > latest + 1:
+            seq = statistics.packets if message.seq is None else int(message.seq)
+            if latest is not None and seq > latest + 1 and message.seq is not None:
                 statistics.packets_lost += seq - latest - 1
                 events_of.resynchronise()
             latest = seq
@@ -67,17 +71,19 @@ class BagRecording(Recording):
                 events = events_of.decode(message.events, int(message.time_base))
             except RecordingError as error:
                 raise RecordingError(f"packet {seq}: {error}") from error
+            if statistics.host_offset is None and len(events):
+                statistics.host_offset = stamp_of(message) - int(events["t"][0])
             yield events
 
     def _all(self, topic: str, kind: str) -> Iterator[Any]:
         for file in self._files:
             yield from file.messages(topic, kind)
 
-    def _topics(self, kind: str) -> dict[str, int]:
-        counts: dict[str, int] = {}
+    def _topics(self, kinds: Sequence[str]) -> dict[tuple[str, str], int]:
+        counts: dict[tuple[str, str], int] = {}
         for file in self._files:
-            for topic, count in file.topics(kind).items():
-                counts[topic] = counts.get(topic, 0) + count
+            for key, count in file.topics(kinds).items():
+                counts[key] = counts.get(key, 0) + count
         return counts
 
     def _new_decoder(self) -> Decoder:
@@ -97,11 +103,11 @@ class BagRecording(Recording):
             raise RecordingError(f"packet {message.seq} of {self.topic!r} is big-endian")
 
     def _find_camera(self) -> Camera | None:
-        topics = self._topics(CAMERA_INFO)
+        topics = [topic for topic, _ in self._topics([CAMERA_INFO])]
         beside = self.topic.rpartition("/")[0] + "/camera_info"
         if beside not in topics and len(topics) != 1:
             return None
-        topic = beside if beside in topics else next(iter(topics))
+        topic = beside if beside in topics else topics[0]
         info = next((m for m in self._all(topic, CAMERA_INFO) if m is not None), None)
         if info is None:
             return None
@@ -118,15 +124,17 @@ class BagRecording(Recording):
             raise CameraError(f"{topic!r}: {error}") from error
 
 
-def _choose(topics: dict[str, int], wanted: str | None) -> str:
+def _choose(topics: dict[tuple[str, str], int], wanted: str | None) -> tuple[str, str]:
+    """Return name and type of the topic to read, from the numbers of messages of all event topics."""
     if not topics:
-        raise RecordingError(f"the bag has no topic of type {EVENT_PACKET}")
-    names = ", ".join(sorted(topics))
-    if wanted is not None and wanted not in topics:
+        raise RecordingError(f"the bag has no topic of type {', '.join(EVENT_KINDS)}")
+    names = ", ".join(sorted(topic for topic, _ in topics))
+    candidates = [key for key in topics if wanted in (None, key[0])]
+    if not candidates:
         raise RecordingError(f"no event topic {wanted!r}; event topics: {names}")
-    filled = [wanted] if wanted is not None else [topic for topic, count in topics.items() if count]
+    filled = [key for key in candidates if topics[key]]
     if len(filled) > 1:
         raise RecordingError(f"several event topics, choose one of {names}")
-    if not filled or not topics[filled[0]]:
-        raise RecordingError(f"no messages on the event topic {filled[0] if filled else names}")
+    if not filled:
+        raise RecordingError(f"no messages on the event topic {wanted or names}")
     return filled[0]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+from rosbags.interfaces import MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from esfo_core.errors import EsfoError, RecordingError
-from esfo_core.recordings.messages import typestore
+from esfo_core.recordings.event_messages import check_definition, reader_of
 
 
 class BagFile:
@@ -25,19 +26,22 @@ class BagFile:
         self.bytes_lost = 0
         self._ros1 = path.suffix == ".bag"
 
-    def topics(self, kind: str) -> dict[str, int]:
-        """Topics of the message type `kind` with their numbers of messages."""
-        counts: dict[str, int] = {}
+    def topics(self, kinds: Sequence[str]) -> dict[tuple[str, str], int]:
+        """Numbers of messages by topic and type, of the topics of the message types `kinds`.
+
+        Raises RecordingError where the bag defines an event array differently.
+        """
+        counts: dict[tuple[str, str], int] = {}
         with self._open() as reader:
             for c in reader.connections:
-                if c.msgtype == kind:
-                    counts[c.topic] = counts.get(c.topic, 0) + c.msgcount
+                if c.msgtype in kinds:
+                    check_definition(c.msgtype, c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else "")
+                    counts[c.topic, c.msgtype] = counts.get((c.topic, c.msgtype), 0) + c.msgcount
         return counts
 
     def messages(self, topic: str, kind: str) -> Iterator[Any]:
         """Messages of one topic in the order of their log times; None for one that cannot be deserialised."""
-        store = typestore(self._ros1)
-        deserialise = store.deserialize_ros1 if self._ros1 else store.deserialize_cdr
+        read = reader_of(kind, self._ros1)
         with self._open() as reader:
             connections = [c for c in reader.connections if c.topic == topic and c.msgtype == kind]
             entries = reader.messages(connections=connections) if connections else iter(())
@@ -47,7 +51,7 @@ class BagFile:
                 if entry is None:
                     return
                 try:
-                    message = deserialise(entry[2], kind)
+                    message = read(entry[2])
                 except Exception:  # noqa: BLE001 - damaged bytes raise anything; the caller counts the loss
                     message = None
                 yield message

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 
-from esfo_core.recordings.messages import typestore
+from esfo_core.recordings.event_messages import check_definition, reader_of
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -25,6 +25,8 @@ class CutMcap:
     """The whole records of a cut-off MCAP file, in the order of the file.
 
     bytes_lost: bytes after the last whole record.
+
+    Raises RecordingError where the file defines an event array differently.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,17 +37,17 @@ class CutMcap:
             self._counts[topic, kind] = self._counts.get((topic, kind), 0) + 1
             self.bytes_lost = path.stat().st_size - position
 
-    def topics(self, kind: str) -> dict[str, int]:
-        """Topics of the message type `kind` with their numbers of messages."""
-        return {topic: count for (topic, k), count in self._counts.items() if k == kind}
+    def topics(self, kinds: Sequence[str]) -> dict[tuple[str, str], int]:
+        """Numbers of messages by topic and type, of the topics of the message types `kinds`."""
+        return {key: count for key, count in self._counts.items() if key[1] in kinds}
 
     def messages(self, topic: str, kind: str) -> Iterator[Any]:
         """Messages of one topic; None for one that cannot be deserialised."""
-        deserialise = typestore().deserialize_cdr
+        read = reader_of(kind)
         for found_topic, found_kind, data, _ in self._records():
             if (found_topic, found_kind) == (topic, kind):
                 try:
-                    message = deserialise(data, kind)
+                    message = read(data)
                 except Exception:  # noqa: BLE001 - damaged bytes raise anything; the caller counts the loss
                     message = None
                 yield message
@@ -64,6 +66,7 @@ class CutMcap:
                 if record is None:
                     return
                 if isinstance(record, Schema):
+                    check_definition(record.name, record.data.decode() if record.encoding == "ros2msg" else "")
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
                     channels[record.id] = record

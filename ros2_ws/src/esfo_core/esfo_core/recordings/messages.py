@@ -1,4 +1,4 @@
-"""The two ROS messages of a recording: `event_camera_msgs/EventPacket` and `sensor_msgs/CameraInfo`."""
+"""The ROS messages of a recording: `event_camera_msgs/EventPacket` and `sensor_msgs/CameraInfo`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from esfo_core.camera import Camera
 
 EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
+OLD_EVENT_PACKET = "event_array_msgs/msg/EventArray"
+"""What `EventPacket` was called at first, with the same fields."""
+
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
 _EVENT_PACKET_DEFINITION = """\
@@ -27,14 +30,17 @@ uint8[] events
 
 @cache
 def typestore(ros1: bool = False) -> Any:
-    """Return the message types of ROS 1 Noetic or ROS 2 Jazzy with `EventPacket` among them."""
+    """Return the message types of ROS 1 Noetic or ROS 2 Jazzy with `EventPacket` among them, under both its names."""
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(_EVENT_PACKET_DEFINITION, EVENT_PACKET))
+    for kind in (EVENT_PACKET, OLD_EVENT_PACKET):
+        store.register(get_types_from_msg(_EVENT_PACKET_DEFINITION, kind))
     return store
 
 
 def camera_from_info(info: Any) -> Camera | None:
     """Return the camera of a ROS 1 or ROS 2 `CameraInfo`; None where it is uncalibrated (K[0] = 0, as ROS defines).
+
+    A distortion model of `none`, or no name, with coefficients of zero is a pinhole.
 
     Raises CameraError for impossible values.
     """
@@ -42,13 +48,11 @@ def camera_from_info(info: Any) -> Camera | None:
     K, D = (info.K, info.D) if upper else (info.k, info.d)
     if K[0] == 0.0:
         return None
-    return Camera(
-        int(info.width),
-        int(info.height),
-        np.array(K, np.float64).reshape(3, 3),
-        str(info.distortion_model) or "plumb_bob",
-        np.array(D, np.float64),
-    )
+    model, coefficients = str(info.distortion_model), np.array(D, np.float64)
+    if model in ("", "none") and not coefficients.any():
+        model, coefficients = "plumb_bob", np.zeros(0)
+    matrix = np.array(K, np.float64).reshape(3, 3)
+    return Camera(int(info.width), int(info.height), matrix, model or "plumb_bob", coefficients)
 
 
 def info_from_camera(camera: Camera, stamp_ns: int, frame_id: str) -> Any:
@@ -77,3 +81,9 @@ def header(stamp_ns: int, frame_id: str) -> Any:
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
     stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
+
+
+def stamp_of(message: Any) -> int:
+    """Return the host time in ns in the header of a ROS 1 or ROS 2 message."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

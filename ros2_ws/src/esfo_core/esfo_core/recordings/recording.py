@@ -11,7 +11,7 @@ import numpy as np
 
 from esfo_core.camera import Camera
 from esfo_core.codecs import DecoderStatistics
-from esfo_core.errors import RecordingError
+from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.ordering import TimeOrder
 
@@ -26,6 +26,7 @@ class RecordingStatistics:
     first event. packets: packets or blocks decoded. packets_lost: missing by their sequence numbers.
     packets_damaged: packets that could not be read, skipped. out_of_order: events earlier than one of an earlier
     packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole.
+    host_offset: host time minus sensor time in ns of the first packet with events, None where no host time is known.
     decoder: counters of the decoder.
     """
 
@@ -38,6 +39,7 @@ class RecordingStatistics:
     packets_damaged: int = 0
     out_of_order: int = 0
     bytes_lost: int = 0
+    host_offset: int | None = None
     decoder: DecoderStatistics = field(default_factory=DecoderStatistics)
 
 
@@ -45,8 +47,8 @@ class Recording(ABC):
     """An event recording on disk.
 
     path: its file or folder. format: short name of the file format and encoding. width, height: sensor size in pixels.
-    camera: calibration stored with the events, or None. size_bytes: size of the file or files.
-    statistics: filled by the latest call of `chunks`.
+    size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
+    unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
 
     def __init__(self, path: Path, size_bytes: int) -> None:
@@ -55,8 +57,23 @@ class Recording(ABC):
         self.format = ""
         self.width = 0
         self.height = 0
-        self.camera: Camera | None = None
+        self.unusable_camera: EsfoError | None = None
         self.statistics = RecordingStatistics()
+        self._camera: Camera | None = None
+
+    @property
+    def camera(self) -> Camera | None:
+        """Calibration stored with the events, None where there is none.
+
+        Raises `unusable_camera`: an impossible calibration matters only to who uses it.
+        """
+        if self.unusable_camera is not None:
+            raise self.unusable_camera
+        return self._camera
+
+    @camera.setter
+    def camera(self, camera: Camera | None) -> None:
+        self._camera = camera
 
     def chunks(self, duration_ns: int = CHUNK_NS) -> Iterator[EventArray]:
         """Read the recording from its start, in chunks of `duration_ns` counted from the first event.

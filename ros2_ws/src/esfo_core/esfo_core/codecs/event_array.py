@@ -1,0 +1,76 @@
+"""The events of the messages that came before `EventPacket`, as they lie in serialised messages, little-endian.
+
+An event is x and y (uint16), its time (seconds and nanoseconds, 32 bits each) and its polarity (one byte). ROS 1 packs
+these into 13 bytes. CDR, the form of ROS 2, aligns each field to its size: as an event ends on its polarity, the next
+begins one byte further, and from one event to the next all fields are 16 bytes apart, except that x and y of the first
+event lie two bytes later than that, because the sequence begins on a multiple of 4.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_core.codecs.base import Decoder
+from esfo_core.errors import RecordingError
+from esfo_core.events import EventArray, empty_events, make_events
+
+NANOSECONDS = 1_000_000_000
+CDR_STRIDE = 16
+ROS1_EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nanosec", "<u4"), ("p", "u1")])
+
+_CDR_PIXEL = np.dtype([("x", "<u2"), ("y", "<u2")])
+_CDR_TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4"), ("p", "u1")])
+_FIRST_TIME, _SECOND_PIXEL = 4, 14
+
+
+def cdr_size(events: int) -> int:
+    """Bytes of a CDR sequence of so many events, after its length."""
+    return CDR_STRIDE * events - 3 if events else 0
+
+
+class EventArrayDecoder(Decoder):
+    """What both forms share; they carry no state from one message to the next."""
+
+    def _events(self, pixels: NDArray[Any], times: NDArray[Any]) -> EventArray:
+        """Return events from the fields x, y of `pixels` (N,) and sec, nanosec, p of `times` (N,)."""
+        t = times["sec"].astype(np.int64)
+        t *= NANOSECONDS
+        t += times["nanosec"]
+        if t.min(initial=0) < 0:
+            raise RecordingError(f"time {t.min()} ns is negative")
+        events = make_events(pixels["x"], pixels["y"], times["p"] != 0, t)
+        inside = self._inside(events["x"], events["y"])
+        return events if inside.all() else events[inside]
+
+
+class CdrEventArrayDecoder(EventArrayDecoder):
+    """Decodes the sequence of events of a message in CDR, without its length."""
+
+    word = np.dtype("u1")
+
+    def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
+        count = (len(words) + 3) // CDR_STRIDE
+        self.statistics.trailing_bytes += len(words) - cdr_size(count)
+        if not count:
+            return empty_events()
+        pixels = np.empty(count, _CDR_PIXEL)
+        pixels[:1] = words[: _CDR_PIXEL.itemsize].view(_CDR_PIXEL)
+        pixels[1:] = _strided(words, _SECOND_PIXEL, count - 1, _CDR_PIXEL)
+        return self._events(pixels, _strided(words, _FIRST_TIME, count, _CDR_TIME))
+
+
+class Ros1EventArrayDecoder(EventArrayDecoder):
+    """Decodes the array of events of a ROS 1 message, without its length."""
+
+    word = ROS1_EVENT
+
+    def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
+        return self._events(words, words)
+
+
+def _strided(data: NDArray[np.uint8], start: int, count: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """View fields that lie `CDR_STRIDE` bytes apart, without a copy."""
+    return np.ndarray(count, dtype, data, start, (CDR_STRIDE,)) if count else np.empty(0, dtype)

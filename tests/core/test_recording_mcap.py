@@ -149,3 +149,48 @@ def test_a_path_that_cannot_be_written_is_one_error(tmp_path, name):
     with pytest.raises(RecordingError, match=name):
         write_mcap(tmp_path / name, [random_events(5, 1)], CAMERA)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_evt3_holds_the_same_events_in_less_room(tmp_path):
+    events = random_events(50_000, 0.2)
+    events["t"] -= events["t"] % 1000
+    events = events[np.argsort(events["t"], kind="stable")]
+    sizes = {}
+    for encoding in ("mono", "evt3"):
+        path = tmp_path / f"{encoding}.mcap"
+        assert write_mcap(path, np.array_split(events, 9), CAMERA, encoding) == len(events)
+        recording = open_recording(path)
+        assert recording.format == f"ROS 2 bag (MCAP), {encoding}"
+        assert (np.concatenate(list(recording.chunks())) == events).all()
+        assert recording.statistics.host_offset == 0
+        sizes[encoding] = path.stat().st_size
+    assert sizes["evt3"] < 0.85 * sizes["mono"]  # three words at most for events that share no row
+    with pytest.raises(RecordingError, match="no whole microsecond"):
+        write_mcap(path, [random_events(100, 0.2)], CAMERA, "evt3")
+    write_mcap(path, [random_events(100, 0.2)], CAMERA, "evt3", round_times=True)
+    expected = random_events(100, 0.2)["t"] // 1000 * 1000
+    assert (np.concatenate(list(open_recording(path).chunks()))["t"] == expected).all()
+
+
+def test_host_times_are_stamps_and_log_times(tmp_path):
+    path, offset = tmp_path / "host.mcap", 1_700_000_000 * 10**9
+    events = random_events(1000, 0.01, start=5_000)
+    write_mcap(path, [events], CAMERA, host_offset=offset)
+    recording = open_recording(path)
+    assert (np.concatenate(list(recording.chunks())) == events).all()
+    assert recording.statistics.host_offset == offset
+    with AnyReader([path]) as reader:
+        assert reader.start_time == offset + events["t"][0]
+    with pytest.raises(RecordingError, match="does not fit a ROS time stamp"):
+        write_mcap(path, [events], CAMERA, host_offset=2**31 * 10**9)
+    with pytest.raises(RecordingError, match="does not fit a ROS time stamp"):
+        write_mcap(path, [events], CAMERA, host_offset=-(10**9))
+
+
+def test_an_uncalibrated_sensor_has_no_camera_info(tmp_path):
+    path = tmp_path / "bare.mcap"
+    write_mcap(path, [random_events(100, 0.01)], (400, 300))
+    recording = open_recording(path)
+    assert (recording.width, recording.height, recording.camera) == (400, 300, None)
+    with AnyReader([path]) as reader:
+        assert [c.topic for c in reader.connections] == ["/events"]

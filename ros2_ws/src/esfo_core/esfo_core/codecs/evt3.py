@@ -31,6 +31,9 @@ TIME_HIGH, EXT_TRIGGER, OTHERS, CONTINUED_12 = 0x8, 0xA, 0xE, 0xF
 HIGH_PERIOD = 4096
 """TIME_HIGH counts modulo this; one step is 4096 us."""
 
+HIGH_NS = 4_096_000
+"""One step of TIME_HIGH, ns."""
+
 HIGH_NOISE = 10
 """TIME_HIGH sometimes repeats a value up to this many steps old; further back, it has wrapped."""
 
@@ -43,7 +46,11 @@ STARTED, SEEN_HIGH, SEEN_TIME, SEEN_Y, SEEN_BASE = 1, 2, 4, 8, 16
 
 
 class Evt3Decoder(StateDecoder):
-    """Decodes `evt3` packets; the time base of the packet is not used, times are those of the sensor's clock."""
+    """Decodes `evt3` packets; times are those of the sensor's clock.
+
+    Drivers leave the time base of a packet open. Only where that of the first packet equals the time of its first two
+    words, but for the wraps of the clock, it counts: as `Evt3Encoder` writes it, it tells the wraps before the packet.
+    """
 
     word = np.dtype("<u2")
     state_size = 6
@@ -53,6 +60,9 @@ class Evt3Decoder(StateDecoder):
         self._state[SEEN] &= STARTED
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
+        if not self._state[SEEN] & STARTED and _states_time(words, time_base):
+            self._state[HIGH] = time_base // HIGH_NS
+            self._state[SEEN] |= STARTED
         most_events, most_triggers = _room(words, _EVENTS_IN_WORD)
         # One more than can come out: the kernel writes every bit of a vector, and only bits that are set count.
         events = np.empty(most_events + 1, EVENT_DTYPE)
@@ -60,6 +70,14 @@ class Evt3Decoder(StateDecoder):
         n, k = _decode_words(words, self._state, events, triggers)
         self._count(triggers[:k])
         return events[:n]
+
+
+def _states_time(words: NDArray[np.uint16], time_base: int) -> bool:
+    """Whether the words (M,) begin with TIME_HIGH and TIME_LOW of the time `time_base` ns."""
+    if len(words) < 2 or not 0 <= time_base < 2**62 or time_base % 1000:
+        return False
+    time = time_base // 1000
+    return bool(words[0] == TIME_HIGH << 12 | time >> 12 & 0xFFF and words[1] == TIME_LOW << 12 | time & 0xFFF)
 
 
 def _count_events() -> NDArray[np.uint8]:

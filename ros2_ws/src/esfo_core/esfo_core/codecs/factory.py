@@ -1,16 +1,20 @@
-"""Which decoder reads which encoding."""
+"""Which decoder reads which encoding, and which encoder writes it."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from esfo_core.codecs.base import Decoder
 from esfo_core.codecs.dat import DatDecoder
 from esfo_core.codecs.event_array import CdrEventArrayDecoder, Ros1EventArrayDecoder
 from esfo_core.codecs.evt2 import Evt2Decoder
 from esfo_core.codecs.evt3 import Evt3Decoder
+from esfo_core.codecs.evt3_encoder import Evt3Encoder
 from esfo_core.codecs.libcaer import LibcaerDecoder
 from esfo_core.codecs.libcaer_cmp import LibcaerCmpDecoder
-from esfo_core.codecs.mono import MonoDecoder
+from esfo_core.codecs.mono import MonoDecoder, encode_mono
 from esfo_core.errors import RecordingError
+from esfo_core.events import EventArray
 
 _DECODERS: dict[str, type[Decoder]] = {
     "cdr_event_array": CdrEventArrayDecoder,
@@ -27,6 +31,10 @@ ENCODINGS = tuple(_DECODERS)
 """Names of the encodings that `decoder` knows: those of `EventPacket`, of Prophesee files, and of older messages."""
 
 
+WRITABLE = ("mono", "evt3")
+"""Names of the encodings that `encoder` knows."""
+
+
 def decoder(encoding: str, width: int, height: int) -> Decoder:
     """Return a fresh decoder of `encoding` for a sensor of width x height pixels.
 
@@ -35,3 +43,17 @@ def decoder(encoding: str, width: int, height: int) -> Decoder:
     if encoding not in _DECODERS:
         raise RecordingError(f"unknown event encoding {encoding!r}; known: {', '.join(ENCODINGS)}")
     return _DECODERS[encoding](width, height)
+
+
+def encoder(encoding: str, round_times: bool = False) -> Callable[[EventArray], tuple[int, bytes]]:
+    """Return what turns the events (N,), N > 0, of the next packet into its time base in ns and its data.
+
+    round_times: round times down to what the encoding holds (`evt3`: microseconds) instead of refusing others.
+
+    Raises RecordingError for an encoding that cannot be written.
+    """
+    if encoding == "evt3":
+        return Evt3Encoder(round_times).encode
+    if encoding == "mono":
+        return lambda events: (int(events["t"][0]), encode_mono(events, int(events["t"][0])))
+    raise RecordingError(f"the encoding {encoding!r} cannot be written; choose from {', '.join(WRITABLE)}")

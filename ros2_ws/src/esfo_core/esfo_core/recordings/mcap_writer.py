@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from esfo_core.camera import Camera
-from esfo_core.codecs import encode_mono
+from esfo_core.codecs import encoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, header, info_from_camera, typestore
@@ -20,7 +21,7 @@ FRAME = "camera"
 LIBRARY = "esfo_core"
 
 PACKET_NS = 2_000_000
-PACKET_EVENTS = 8192  # 64 KiB of 8 bytes
+PACKET_EVENTS = 8192  # of at most 8 bytes each: 64 KiB
 
 LATEST = 2**31 * 10**9 - 1
 """Last time that `builtin_interfaces/Time` holds, ns."""
@@ -28,22 +29,35 @@ LATEST = 2**31 * 10**9 - 1
 _FOREVER = "{sec: 9223372036, nsec: 854775807}"
 
 
-def write_mcap(path: Path, chunks: Iterable[EventArray], camera: Camera) -> int:
+def write_mcap(
+    path: Path,
+    chunks: Iterable[EventArray],
+    camera: Camera | tuple[int, int],
+    encoding: str = "mono",
+    round_times: bool = False,
+    host_offset: int = 0,
+) -> int:
     """Write time-sorted chunks of events, one after the other, as a ROS 2 bag of one file; return their number.
 
     Topics: `/camera_info` (`sensor_msgs/CameraInfo`, first, latched) and `/events`
-    (`event_camera_msgs/EventPacket`, encoding `mono`, packets of at most 2 ms and 64 KiB). A packet is stamped with its
-    first event and logged at its last one, in sensor time without an offset. The same input gives the same bytes.
+    (`event_camera_msgs/EventPacket`, packets of at most 2 ms and 8192 events). A packet is stamped with its first event
+    and logged at its last one. The same input gives the same bytes.
 
-    Raises RecordingError when there is no event, time steps back or is negative, a pixel lies outside the sensor, or
-    the file cannot be written. Until the last event is written the file is called `<path>.part`.
+    camera: or the size (width, height) of an uncalibrated sensor; then there is no `/camera_info`. encoding: `mono`, or
+    `evt3`, which takes a quarter to a half of the room but has whole microseconds and sensors of up to 2048 pixels.
+    round_times: round times down to what the encoding holds; otherwise one that does not fit is an error.
+    host_offset: host time minus sensor time, ns; stamps and log times are host times.
+
+    Raises RecordingError when there is no event, time steps back or is negative, a pixel lies outside the sensor, the
+    encoding is unknown or cannot hold an event, or the file cannot be written. Until the last event is written the file
+    is called `<path>.part`.
     """
     part = path.with_name(path.name + ".part")
     try:
         with part.open("wb") as file:
             writer = Writer(file, compression=CompressionType.NONE)
             writer.start(profile="ros2", library=LIBRARY)
-            count = _write(writer, chunks, camera)
+            count = _write(writer, chunks, camera, _Form(encoding, encoder(encoding, round_times), host_offset))
             writer.finish()  # type: ignore[no-untyped-call]
         part.replace(path)
     except OSError as error:
@@ -54,26 +68,38 @@ def write_mcap(path: Path, chunks: Iterable[EventArray], camera: Camera) -> int:
     return count
 
 
-def _write(writer: Writer, chunks: Iterable[EventArray], camera: Camera) -> int:
+@dataclass(frozen=True)
+class _Form:
+    """How packets are written: the encoding by its name and as a function, and host minus sensor time in ns."""
+
+    encoding: str
+    encode: Callable[[EventArray], tuple[int, bytes]]
+    host_offset: int
+
+
+def _write(writer: Writer, chunks: Iterable[EventArray], camera: Camera | tuple[int, int], form: _Form) -> int:
     store = typestore()
     packet_type = store.types[EVENT_PACKET]
-    info_channel = _add_topic(writer, CAMERA_TOPIC, CAMERA_INFO, latched=True)
+    width, height = (camera.width, camera.height) if isinstance(camera, Camera) else camera
+    if isinstance(camera, Camera):
+        info_channel = _add_topic(writer, CAMERA_TOPIC, CAMERA_INFO, latched=True)
     event_channel = _add_topic(writer, EVENTS_TOPIC, EVENT_PACKET, latched=False)
     count = 0
-    for seq, events in enumerate(_split(_checked(chunks, camera))):
-        first, last = int(events["t"][0]), int(events["t"][-1])
-        if seq == 0:
+    for seq, events in enumerate(_split(_checked(chunks, (width, height), form.host_offset))):
+        first, last = (int(events["t"][i]) + form.host_offset for i in (0, -1))
+        if seq == 0 and isinstance(camera, Camera):
             info = store.serialize_cdr(info_from_camera(camera, first, FRAME), CAMERA_INFO)
             writer.add_message(info_channel, first, bytes(info), first)
+        time_base, data = form.encode(events)
         packet = packet_type(
             header=header(first, FRAME),
-            height=camera.height,
-            width=camera.width,
+            height=height,
+            width=width,
             seq=seq,
-            time_base=first,
-            encoding="mono",
+            time_base=time_base,
+            encoding=form.encoding,
             is_bigendian=False,
-            events=np.frombuffer(encode_mono(events, first), np.uint8),
+            events=np.frombuffer(data, np.uint8),
         )
         writer.add_message(event_channel, last, bytes(store.serialize_cdr(packet, EVENT_PACKET)), last, seq)
         count += len(events)
@@ -94,7 +120,7 @@ def _add_topic(writer: Writer, topic: str, kind: str, latched: bool) -> int:
     return writer.register_channel(topic, "cdr", schema, metadata)
 
 
-def _checked(chunks: Iterable[EventArray], camera: Camera) -> Iterator[EventArray]:
+def _checked(chunks: Iterable[EventArray], size: tuple[int, int], host_offset: int) -> Iterator[EventArray]:
     latest = 0
     for events in chunks:
         if not len(events):
@@ -102,13 +128,11 @@ def _checked(chunks: Iterable[EventArray], camera: Camera) -> Iterator[EventArra
         times = events["t"]
         if times[0] < latest or (times[1:] < times[:-1]).any():
             raise RecordingError(f"events are not in time order, or negative, after {latest} ns")
-        if events["x"].max() >= camera.width or events["y"].max() >= camera.height:
-            raise RecordingError(
-                f"pixel ({events['x'].max()}, {events['y'].max()}) lies outside {camera.width}x{camera.height}"
-            )
+        if events["x"].max() >= size[0] or events["y"].max() >= size[1]:
+            raise RecordingError(f"pixel ({events['x'].max()}, {events['y'].max()}) lies outside {size[0]}x{size[1]}")
         latest = int(times[-1])
-        if latest > LATEST:
-            raise RecordingError(f"time {latest} ns does not fit a ROS time stamp (at most {LATEST} ns)")
+        if not 0 <= int(times[0]) + host_offset <= latest + host_offset <= LATEST:
+            raise RecordingError(f"time {latest + host_offset} ns does not fit a ROS time stamp (at most {LATEST} ns)")
         yield events
 
 

@@ -8,10 +8,10 @@ import signal
 import sys
 
 from esfo_bringup import __version__
-from esfo_bringup.commands import evaluate, info, live, run, simulate
+from esfo_bringup.commands import convert, evaluate, info, live, run, simulate
 from esfo_core.errors import EsfoError
 
-_COMMANDS = (simulate, info, run, live, evaluate)
+_COMMANDS = (simulate, info, convert, run, live, evaluate)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -3,52 +3,123 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.progress import follow
+from esfo_core.events import EventArray
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.recordings import Recording, open_recording
 
-_PEAK_WINDOW_NS = 10_000_000
+PEAK_WINDOW_NS = 10_000_000
+GAP_NS = 100_000_000
+
+
+@dataclass
+class Course:
+    """How the events of a recording come over time.
+
+    peak: most events in one of the windows of `PEAK_WINDOW_NS`. gaps: stretches without events longer than `GAP_NS`;
+    longest_gap and its start gap_start in ns.
+    """
+
+    peak: int = 0
+    gaps: int = 0
+    longest_gap: int = 0
+    gap_start: int = 0
+    _last: int | None = None
+
+    def add(self, events: EventArray) -> None:
+        """Take in the events (N,), N > 0, of the next window."""
+        self.peak = max(self.peak, len(events))
+        t = events["t"] if self._last is None else np.concatenate([[self._last], events["t"]])
+        steps = np.diff(t)
+        self.gaps += int(np.count_nonzero(steps > GAP_NS))
+        if len(steps) and steps.max() > self.longest_gap:
+            self.longest_gap, self.gap_start = int(steps.max()), int(t[np.argmax(steps)])
+        self._last = int(t[-1])
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = commands.add_parser("info", help="show what a recording holds")
     parser.add_argument("recording", type=Path)
+    parser.add_argument("--topic", help="event topic of a bag, where it has several")
     parser.set_defaults(execute=execute)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Read the whole recording and print what was met."""
-    recording = open_recording(args.recording)
-    peak = 0.0
-    for events in follow(recording, recording.chunks(_PEAK_WINDOW_NS), "reading"):
-        peak = max(peak, len(events) / (_PEAK_WINDOW_NS / NANOSECONDS))
-    for name, value in _facts(recording, peak):
+    recording = open_recording(args.recording, args.topic)
+    course = Course()
+    for events in follow(recording, recording.chunks(PEAK_WINDOW_NS), "reading"):
+        course.add(events)
+    for name, value in [*_contents(recording), *_times(recording, course), *_losses(recording)]:
         print(f"{name:<12}{value}")
     return 0
 
 
-def _facts(recording: Recording, peak: float) -> list[tuple[str, str]]:
+def _contents(recording: Recording) -> list[tuple[str, str]]:
+    s = recording.statistics
+    return [
+        ("format", recording.format),
+        ("sensor", f"{recording.width}x{recording.height} px"),
+        ("camera", _camera(recording)),
+        ("events", f"{s.events} ({s.events_on} on, {s.events - s.events_on} off)"),
+        ("triggers", f"{s.decoder.triggers_rising} rising, {s.decoder.triggers_falling} falling"),
+    ]
+
+
+def _camera(recording: Recording) -> str:
+    if recording.unusable_camera is not None:
+        return f"unusable: {recording.unusable_camera}"
+    camera = recording.camera
+    if camera is None:
+        return "none in the recording"
+    return f"in the recording, focal lengths {camera.K[0, 0]:g} and {camera.K[1, 1]:g} px, {camera.distortion_model}"
+
+
+def _times(recording: Recording, course: Course) -> list[tuple[str, str]]:
     s = recording.statistics
     first, last = s.first_t or 0, s.last_t or 0
     duration = (last - first) / NANOSECONDS
-    facts = [
-        ("format", recording.format),
-        ("sensor", f"{recording.width}x{recording.height} px"),
-        ("camera", "in the recording" if recording.camera is not None else "none in the recording"),
-        ("events", f"{s.events} ({s.events_on} on, {s.events - s.events_on} off)"),
-        ("duration", f"{duration:.6f} s, sensor time {first / NANOSECONDS:.6f} to {last / NANOSECONDS:.6f} s"),
-        ("rate", f"{s.events / max(duration, 1e-9) / 1e6:.3f} Mev/s mean, {peak / 1e6:.3f} Mev/s in the busiest 10 ms"),
-        ("packets", f"{s.packets}, {s.packets_lost} lost, {s.packets_damaged} damaged, {s.bytes_lost} bytes cut off"),
-        ("order", f"{s.out_of_order} events out of order between packets"),
+    mean = f"{s.events / duration / 1e6:.3f} Mev/s mean, " if duration else ""
+    peak = course.peak / (PEAK_WINDOW_NS / NANOSECONDS) / 1e6
+    gaps = f"{course.gaps} without events for over {GAP_NS / NANOSECONDS:g} s"
+    if course.gaps:
+        start = (course.gap_start - first) / NANOSECONDS
+        gaps += f", the longest {course.longest_gap / NANOSECONDS:.6f} s, {start:.6f} s after the first event"
+    return [
+        ("duration", f"{duration:.6f} s"),
+        ("rate", f"{mean}{peak:.3f} Mev/s in the busiest {PEAK_WINDOW_NS / NANOSECONDS:g} s"),
+        ("sensor time", f"{first / NANOSECONDS:.6f} to {last / NANOSECONDS:.6f} s"),
+        ("host time", _host_time(s.host_offset)),
+        ("gaps", gaps),
     ]
-    met = {k.replace("_", " "): v for k, v in asdict(s.decoder).items() if k != "events" and np.any(v)}
-    if met:
-        facts.append(("decoder", ", ".join(f"{v} {k}" for k, v in met.items())))
+
+
+def _host_time(offset: int | None) -> str:
+    if offset is None:
+        return "not in the recording"
+    return f"sensor time {offset / NANOSECONDS:+.6f} s, by the stamp of the first packet with events"
+
+
+def _losses(recording: Recording) -> list[tuple[str, str]]:
+    s, d = recording.statistics, recording.statistics.decoder
+    order = f"{s.out_of_order + d.out_of_order} events out of order, sorted in"
+    facts = [
+        ("packets", f"{s.packets}, {s.packets_lost} lost, {s.packets_damaged} damaged, {s.bytes_lost} bytes cut off"),
+        ("order", f"{order} ({d.out_of_order} inside packets, {s.out_of_order} between)"),
+        ("range", f"{d.out_of_range} events outside the sensor, dropped"),
+    ]
+    decoding = {
+        "events before the first time or address": d.unsynchronised,
+        "words of no known code": d.unknown_words,
+        "bytes that make no whole word": d.trailing_bytes,
+    }
+    if any(decoding.values()):
+        facts.append(("skipped", ", ".join(f"{count} {name}" for name, count in decoding.items() if count)))
     return facts

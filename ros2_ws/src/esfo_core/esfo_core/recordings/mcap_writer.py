@@ -44,7 +44,7 @@ def write_mcap(
     and logged at its last one. The same input gives the same bytes.
 
     camera: or the size (width, height) of an uncalibrated sensor; then there is no `/camera_info`. encoding: `mono`, or
-    `evt3`, which takes a quarter to a half of the room but has whole microseconds and sensors of up to 2048 pixels.
+    `evt3`, which mostly takes less room but has whole microseconds and up to 2048 columns and rows.
     round_times: round times down to what the encoding holds; otherwise one that does not fit is an error.
     host_offset: host time minus sensor time, ns; stamps and log times are host times.
 

@@ -8,8 +8,11 @@ import yaml
 
 from esfo_core.errors import CameraError, RecordingError
 from esfo_core.recordings.bag import BagRecording
+from esfo_core.recordings.byte_stream import COMPRESSED
 from esfo_core.recordings.prophesee import PropheseeRecording
+from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
+from esfo_core.recordings.text import TextRecording
 
 _BAG_KINDS = {
     b"\x89MCAP0\r\n": (".mcap", "ROS 2 bag (MCAP)"),
@@ -17,25 +20,30 @@ _BAG_KINDS = {
     b"#ROSBAG V2.0\n": (".bag", "ROS 1 bag"),
 }
 
+_TEXT = frozenset(range(32, 127)) | frozenset("\t\r\nµ".encode())
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_NOTHING_TOLD = ReadingOptions()
 
-def open_recording(path: Path, topic: str | None = None) -> Recording:
+
+def open_recording(path: Path, topic: str | None = None, options: ReadingOptions = _NOTHING_TOLD) -> Recording:
     """Open an event recording of any known format, told by its first bytes.
 
-    path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT3) or DAT file.
-    topic: which event topic of a bag, needed only when it has several.
+    path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT3) or DAT
+    file, or text, plain or compressed.
+    topic: which event topic of a bag, needed only when it has several. options: what the file does not tell.
 
     Raises RecordingError when there is nothing to read at `path` or it is not of a known format, and CameraError when
     the calibration in a bag is impossible.
     """
     try:
-        return _open_folder(path, topic) if path.is_dir() else _open_file(path, topic)
+        return _open_folder(path, topic) if path.is_dir() else _open_file(path, topic, options)
     except (RecordingError, CameraError) as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{error.filename or path}: {error.strerror}") from error
 
 
-def _open_file(path: Path, topic: str | None) -> Recording:
+def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
     start = _first_bytes(path)
     for magic, (suffix, kind) in _BAG_KINDS.items():
         if start.startswith(magic):
@@ -44,6 +52,8 @@ def _open_file(path: Path, topic: str | None) -> Recording:
             return BagRecording(path, [path], kind, topic)
     if start.startswith(b"% "):
         return PropheseeRecording(path)
+    if start.startswith(COMPRESSED) or _TEXT.issuperset(start.removeprefix(_BYTE_ORDER_MARK)):
+        return TextRecording(path, options)
     raise RecordingError(f"not a recording of a known format (it starts with {start[:12]!r})")
 
 

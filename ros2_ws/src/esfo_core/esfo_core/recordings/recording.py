@@ -47,6 +47,7 @@ class Recording(ABC):
     """An event recording on disk.
 
     path: its file or folder. format: short name of the file format and encoding. width, height: sensor size in pixels.
+    size_inferred: neither the file nor the user told the sensor size; it is what the events need.
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
     unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
@@ -57,6 +58,7 @@ class Recording(ABC):
         self.format = ""
         self.width = 0
         self.height = 0
+        self.size_inferred = False
         self.unusable_camera: EsfoError | None = None
         self.statistics = RecordingStatistics()
         self._camera: Camera | None = None

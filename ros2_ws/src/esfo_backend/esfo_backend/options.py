@@ -31,6 +31,7 @@ class StartOptions:
     min_rows: int = option(4, "rows that a track needs to take part", 2)
     colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
     colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
+    colmap_min_share: float = option(0.25, "share of the cameras that COLMAP must register", 0.0, 1.0)
     colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's cameras from the circle, in radii", 0.0)
     colmap_rate: float = option(0.1, "largest relative difference of COLMAP's rate from the event stream's", 0.0)
 

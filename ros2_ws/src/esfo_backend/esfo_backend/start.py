@@ -69,6 +69,8 @@ def _accepted(model: ColmapStart, rate_hz: float, options: BackendOptions) -> Mo
     motion = Motion(model.orbit.motion.Q, rate_hz)
     if options.rate.method == "fourier":
         return motion
+    if model.registered < options.start.colmap_min_share * model.views:
+        raise BackendError(f"COLMAP registered only {model.registered} of {model.views} views")
     if model.orbit.circle_residual > options.start.colmap_circle:
         raise BackendError(f"COLMAP's cameras are {model.orbit.circle_residual:.0%} of the radius off a circle")
     slope = model.orbit.motion.rate_hz

@@ -90,7 +90,7 @@ def _structure(panel: Axes, estimate: OrbitEstimate) -> None:
     X = estimate.points @ object_frame(estimate.spin.axis)
     panel.scatter(np.hypot(X[:, 0], X[:, 1]), X[:, 2], s=8, c=estimate.point_rows, cmap="viridis")
     panel.axvline(0, color=_AXIS_COLOUR, lw=2)
-    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_aspect("equal", adjustable="box")
     panel.set_title(f"{len(estimate.points)} points")
     panel.set_xlabel("distance from the axis (orbit radii)")
     panel.set_ylabel("along the axis")

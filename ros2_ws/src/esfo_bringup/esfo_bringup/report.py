@@ -54,7 +54,7 @@ def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
             ("points", f"{len(e.points)} from {e.tracks} tracks and {e.observations} observations"),
             ("turns seen", f"{e.revolutions:.2f}"),
             ("reprojection error", f"{e.rms_px:.2f} px RMS"),
-            ("start", f"{e.initialisation}. {result.note}"),
+            ("start", f"{e.initialisation}; {result.note}" if result.note else e.initialisation),
         ]
     if e.flags:
         facts.append(("flags", ", ".join(e.flags)))

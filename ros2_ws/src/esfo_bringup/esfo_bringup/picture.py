@@ -32,9 +32,9 @@ def draw_events(result: RunResult, source: Source, path: Path) -> None:
         duration = min(duration, round(_SNAPSHOT_TURN / spin.rate_hz * NANOSECONDS))
     middle = (estimate.t_first + estimate.t_last) // 2
     snapshot, everything = accumulate(source, (middle, middle + duration))
-    panels = 2 if spin is None else 3
-    figure = Figure(figsize=(5.4 * panels, 4.6), layout="constrained")
-    axes = figure.subplots(1, panels)
+    widths = [1.0, 1.0] if spin is None else [1.0, 1.0, 0.6]
+    figure = Figure(figsize=(5.4 * sum(widths), 4.6), layout="constrained")
+    axes = figure.subplots(1, len(widths), width_ratios=widths)
     _image(axes[0], snapshot, f"events of {duration / 1e6:.0f} ms")
     _image(axes[1], everything, "all events")
     if spin is not None:

@@ -57,8 +57,10 @@ def line(draw):
     fields = [draw(pixel), draw(pixel), draw(st.sampled_from([0, 1, 1, -1])), draw(time), draw(st.sampled_from("a#"))]
     fields = [str(field) for field in fields]
     if draw(st.integers(0, 9)) == 0:
-        bad = draw(st.sampled_from(["", "x", "-1", "-1.5", "1.5", "70000", "2", "1e", "1e99", "--1", "1-", ".", "1 2"]))
-        fields[draw(st.integers(0, 3))] = bad
+        bad = draw(st.sampled_from(["", "x", "-1.5", "1.5", "70000", "2", "1e", "1e99", "--1", "1-", ".", "1 2"]))
+        fields[draw(st.integers(0, 2))] = bad
+    if draw(st.integers(0, 19)) == 0:
+        fields[3] = draw(st.sampled_from(["", "t", "-0.01", "1e", "1e99", "--1", "0-", "..1", ".", "0 0"]))
     text = draw(st.sampled_from([",", " ", "\t", " , ", ";"])).join(fields)
     return draw(st.sampled_from(["{}", "{}", "  {}", "{}\r", "# {}"])).format(text)
 

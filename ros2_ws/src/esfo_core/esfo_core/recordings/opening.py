@@ -7,6 +7,8 @@ from pathlib import Path
 import yaml
 
 from esfo_core.errors import CameraError, RecordingError
+from esfo_core.recordings.aedat4 import MAGIC as AEDAT4
+from esfo_core.recordings.aedat4 import Aedat4Recording
 from esfo_core.recordings.bag import BagRecording
 from esfo_core.recordings.byte_stream import COMPRESSED
 from esfo_core.recordings.prophesee import PropheseeRecording
@@ -29,8 +31,9 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     """Open an event recording of any known format, told by its first bytes.
 
     path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT3) or DAT
-    file, or text, plain or compressed.
-    topic: which event topic of a bag, needed only when it has several. options: what the file does not tell.
+    file, an AEDAT4 file, or text, plain or compressed.
+    topic: which event topic of a bag or stream of an AEDAT4 file, needed only when it has several.
+    options: what the file does not tell.
 
     Raises RecordingError when there is nothing to read at `path` or it is not of a known format, and CameraError when
     the calibration in a bag is impossible.
@@ -52,6 +55,10 @@ def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Record
             return BagRecording(path, [path], kind, topic)
     if start.startswith(b"% "):
         return PropheseeRecording(path)
+    if start.startswith(AEDAT4):
+        return Aedat4Recording(path, topic)
+    if start.startswith(b"#!AER-DAT"):
+        raise RecordingError(f"AEDAT of version {start[9:12].decode('ascii', 'replace')} is not read, only 4.0")
     if start.startswith(COMPRESSED) or _TEXT.issuperset(start.removeprefix(_BYTE_ORDER_MARK)):
         return TextRecording(path, options)
     raise RecordingError(f"not a recording of a known format (it starts with {start[:12]!r})")

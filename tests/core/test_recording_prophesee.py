@@ -30,6 +30,23 @@ def test_raw_headers(tmp_path, header_lines, size):
 
 
 @pytest.mark.parametrize(
+    ("lines", "order"),
+    [
+        (b"% evt 2.1\n% geometry 64x48\n% end\n", 1),
+        (b"% format EVT21;height=48;width=64\n% end\n", 1),
+        (b"% format EVT21;endianness=little;height=48;width=64\n% end\n", 1),
+        (b"% evt 2.1\n% format EVT21;endianness=legacy;height=48;width=64\n% end\n", -1),
+    ],
+)
+def test_evt21_in_both_orders_of_its_halves(tmp_path, lines, order):
+    path = tmp_path / "scene.raw"
+    halves = np.array([[0, 0x8 << 28 | 2], [0b1001, 1 << 28 | 5 << 22 | 32 << 11 | 7]], "<u4")
+    path.write_bytes(lines + halves[:, ::order].tobytes())
+    _, chunks = everything(path)
+    assert chunks[0].tolist() == [(32, 7, 1, 133_000), (35, 7, 1, 133_000)]
+
+
+@pytest.mark.parametrize(
     ("content", "message"),
     [
         (EVT3_HEADER, "no events in 0 packets"),
@@ -37,7 +54,7 @@ def test_raw_headers(tmp_path, header_lines, size):
         (b"% evt 3.0\n", "no sensor size"),
         (b"% evt 3.0\n% geometry big\n", "'big' x ''"),
         (b"% evt 3.0\n% geometry 0x480\n", "0x480"),
-        (b"% evt 2.1\n% geometry 640x480\n", "unknown event encoding 'evt2.1'"),
+        (b"% evt 4.0\n% geometry 640x480\n", "unknown event encoding 'evt4'"),
         (b"% Date today\n", "names no event format .it has date"),
         (b"% evt 3.0", "no end"),
         (b"% Version 2\n% Width 64\n% Height 48\n", "ends after its header"),

@@ -56,11 +56,7 @@ def _decode_words(words, state, events, triggers):  # type: ignore[no-untyped-de
         kind, value = word >> 28, np.int64(word & 0xFFFFFFF)
         t = (state[HIGH] * 64 + (value >> 22)) * 1000
         if kind == TIME_HIGH:
-            step = value - state[HIGH] % HIGH_PERIOD
-            if state[SEEN] and step < -(HIGH_PERIOD // 2):
-                step += HIGH_PERIOD
-            state[HIGH] += step
-            state[SEEN] = 1
+            set_time_high(value, state)
         elif kind in (CD_OFF, CD_ON, EXT_TRIGGER) and not state[SEEN]:
             state[UNSYNCHRONISED] += 1
         elif kind in (CD_OFF, CD_ON):
@@ -76,3 +72,13 @@ def _decode_words(words, state, events, triggers):  # type: ignore[no-untyped-de
         elif kind not in (OTHERS, CONTINUED):
             state[UNKNOWN] += 1
     return n, k
+
+
+@njit(cache=True, nogil=True)
+def set_time_high(value, state):  # type: ignore[no-untyped-def]
+    """Take over the 28 bits of a TIME_HIGH word: a step back by more than half the range is a wrap."""
+    step = value - state[HIGH] % HIGH_PERIOD
+    if state[SEEN] and step < -(HIGH_PERIOD // 2):
+        step += HIGH_PERIOD
+    state[HIGH] += step
+    state[SEEN] = 1

@@ -10,6 +10,7 @@ from esfo_core.codecs.event_array import CdrEventArrayDecoder, Ros1EventArrayDec
 from esfo_core.codecs.evt2 import Evt2Decoder
 from esfo_core.codecs.evt3 import Evt3Decoder
 from esfo_core.codecs.evt3_encoder import Evt3Encoder
+from esfo_core.codecs.evt21 import Evt21Decoder, Evt21LegacyDecoder
 from esfo_core.codecs.libcaer import LibcaerDecoder
 from esfo_core.codecs.libcaer_cmp import LibcaerCmpDecoder
 from esfo_core.codecs.mono import MonoDecoder, encode_mono
@@ -20,6 +21,8 @@ _DECODERS: dict[str, type[Decoder]] = {
     "cdr_event_array": CdrEventArrayDecoder,
     "dat": DatDecoder,
     "evt2": Evt2Decoder,
+    "evt21": Evt21Decoder,
+    "evt21_legacy": Evt21LegacyDecoder,
     "evt3": Evt3Decoder,
     "libcaer": LibcaerDecoder,
     "libcaer_cmp": LibcaerCmpDecoder,

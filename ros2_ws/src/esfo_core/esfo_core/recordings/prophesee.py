@@ -1,4 +1,4 @@
-"""Prophesee files: RAW (EVT2, EVT3) and DAT, both a header of `%` lines and then the data of one stream."""
+"""Prophesee files: RAW (EVT2, EVT2.1, EVT3) and DAT, both a header of `%` lines and then the data of one stream."""
 
 from __future__ import annotations
 
@@ -84,9 +84,11 @@ def _read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
 
 
 def _encoding(fields: dict[str, str]) -> str:
-    name = fields.get("format", "").partition(";")[0].lower()
+    name, _, detail = fields.get("format", "").lower().partition(";")
     if not name and "evt" in fields:
-        name = "evt" + fields["evt"].removesuffix(".0")
+        name = "evt" + fields["evt"].removesuffix(".0").replace("2.1", "21")
+    if name == "evt21" and "endianness=legacy" in detail.split(";"):
+        return "evt21_legacy"
     if name:
         return name
     if "version" in fields:

@@ -105,6 +105,19 @@ def test_what_has_no_place_is_said(tmp_path, capsys):
     assert said["skipped"].startswith("1 events before the first time or address, 1 words of no known code, 1 bytes")
 
 
+def test_a_text_takes_its_size_from_the_user(tmp_path, capsys):
+    path, output = tmp_path / "events.csv", tmp_path / "out.mcap"
+    path.write_text("x,y,p,t\n3,4,1,10\n5,2,0,20\n")
+    said = facts(capsys, "convert", path, output, "-p", "width:=64", "-p", "height:=48")
+    assert "sensor" not in said
+    recording, events = all_of(output)
+    assert (recording.width, recording.height) == (64, 48)
+    assert events.tolist() == [(3, 4, 1, 10_000), (5, 2, 0, 20_000)]
+    assert facts(capsys, "convert", path, output)["sensor"].startswith("6x5 px, what the events need")
+    assert facts(capsys, "info", path)["sensor"].startswith("6x5 px, what the events need")
+    assert "depth" in fails(capsys, "info", path, "-p", "depth:=3")
+
+
 def test_times_finer_than_the_encoding_are_refused_or_rounded(tmp_path, capsys):
     path, output = tmp_path / "fine.mcap", tmp_path / "out.mcap"
     events = some_events(step=1)

@@ -7,24 +7,25 @@ from itertools import chain
 from pathlib import Path
 
 from esfo_bringup.commands.arguments import Commands
+from esfo_bringup.commands.info import INFERRED
+from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import follow
 from esfo_bringup.replay.player import choose_camera
 from esfo_core.codecs import WRITABLE
-from esfo_core.recordings import Recording, open_recording, write_mcap
+from esfo_core.recordings import Recording, write_mcap
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = commands.add_parser("convert", help="write a recording as a ROS 2 bag (MCAP), losslessly")
-    parser.add_argument("recording", type=Path, help="any file or bag that `esfo info` reads")
+    add_reading_arguments(parser)
     parser.add_argument("output", type=Path, metavar="OUT.mcap")
     parser.add_argument("--encoding", default="mono", choices=WRITABLE, help="default mono; evt3 is smaller")
     parser.add_argument(
         "--round-times", action="store_true", help="with evt3: round times down to its microseconds, not losslessly"
     )
     parser.add_argument("--camera", type=Path, metavar="YAML", help="camera_calibration file (default: in the bag)")
-    parser.add_argument("--topic", help="event topic of a bag, where it has several")
     parser.set_defaults(execute=execute)
 
 
@@ -32,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     """Copy all events, the camera and the offset of the host's clock; external triggers have no place in the bag."""
     if args.output.suffix != ".mcap":
         raise CommandError(f"{args.output} does not end in .mcap")
-    recording = open_recording(args.recording, args.topic)
+    recording = opened(args)
     if args.output.exists() and args.output.samefile(args.recording):
         raise CommandError(f"{args.output} is the recording itself")
     camera = choose_camera(recording, str(args.camera or ""))
@@ -45,6 +46,8 @@ def execute(args: argparse.Namespace) -> int:
     count = write_mcap(args.output, followed, camera or size, args.encoding, args.round_times, offset)
     print(f"written     {args.output}: {count} events, {args.encoding}, {args.output.stat().st_size} bytes")
     print(f"read        {recording.path}: {recording.format}, {recording.size_bytes} bytes")
+    if recording.size_inferred:
+        print(f"sensor      {size[0]}x{size[1]} px{INFERRED}")
     for fact in _left_out(recording):
         print(f"left out    {fact}")
     return 0

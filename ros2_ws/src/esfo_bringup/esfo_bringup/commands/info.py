@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from esfo_bringup.commands.arguments import Commands
+from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.progress import follow
 from esfo_core.events import EventArray
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.recordings import Recording, open_recording
+from esfo_core.recordings import Recording
 
 PEAK_WINDOW_NS = 10_000_000
 GAP_NS = 100_000_000
+INFERRED = ", what the events need; the file tells no size"
 
 
 @dataclass
@@ -46,14 +47,13 @@ class Course:
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     """Declare the command."""
     parser = commands.add_parser("info", help="show what a recording holds")
-    parser.add_argument("recording", type=Path)
-    parser.add_argument("--topic", help="event topic of a bag, where it has several")
+    add_reading_arguments(parser)
     parser.set_defaults(execute=execute)
 
 
 def execute(args: argparse.Namespace) -> int:
     """Read the whole recording and print what was met."""
-    recording = open_recording(args.recording, args.topic)
+    recording = opened(args)
     course = Course()
     for events in follow(recording, recording.chunks(PEAK_WINDOW_NS), "reading"):
         course.add(events)
@@ -66,7 +66,7 @@ def _contents(recording: Recording) -> list[tuple[str, str]]:
     s = recording.statistics
     return [
         ("format", recording.format),
-        ("sensor", f"{recording.width}x{recording.height} px"),
+        ("sensor", f"{recording.width}x{recording.height} px{INFERRED if recording.size_inferred else ''}"),
         ("camera", _camera(recording)),
         ("events", f"{s.events} ({s.events_on} on, {s.events - s.events_on} off)"),
         ("triggers", f"{s.decoder.triggers_rising} rising, {s.decoder.triggers_falling} falling"),

@@ -1,0 +1,30 @@
+"""Arguments that say how a recording is opened."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from esfo_core.options import fields_of, parse_assignments, replace
+from esfo_core.recordings import Recording, open_recording
+from esfo_core.recordings.reading_options import ReadingOptions
+
+
+def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the recording and what it may not tell."""
+    parser.add_argument("recording", type=Path, help="bag (file or folder) or event file of any known format")
+    parser.add_argument("--topic", help="event topic of a bag, where it has several")
+    names = ", ".join(leaf.name for leaf in fields_of(ReadingOptions()))
+    parser.add_argument(
+        "-p",
+        dest="set",
+        action="append",
+        default=[],
+        metavar="NAME:=VALUE",
+        help=f"what the file does not tell: {names}",
+    )
+
+
+def opened(args: argparse.Namespace) -> Recording:
+    """Open the recording that the arguments name. Raises RecordingError and OptionError."""
+    return open_recording(args.recording, args.topic, replace(ReadingOptions(), parse_assignments(args.set)))

@@ -14,7 +14,7 @@ from esfo_core.events import make_events
 
 WIDTH, HEIGHT = 346, 260
 HEAD = 9
-MOST_EVENTS_OF_WORD = {"evt3": 12, "libcaer_cmp": 8, "evt21": 32}
+MOST_EVENTS_OF_WORD = {"evt3": 12, "libcaer_cmp": 8, "evt21": 32, "evt21_legacy": 32}
 
 
 def seeds(encoding: str) -> list[bytes]:
@@ -26,12 +26,15 @@ def seeds(encoding: str) -> list[bytes]:
     x, y, p = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count), rng.integers(0, 2, count)
     rows = make_events(np.arange(count) + 3, np.full(count, 9), np.zeros(count), np.full(count, 5000))
     scattered = make_events(x, y, p, t)
+    vectors = [0, 0x8 << 28 | 3, 0xF00F, 0x1 << 28 | 5 << 22 | 9 << 11 | 7, 1 << 31, 330 << 11, 0, 0xA << 28 | 1]
     words = {
         "evt3": [encoder("evt3")(rows)[1], encoder("evt3")(scattered)[1] + b"\x01\xa0\x00\xb0"],
         "mono": [encoder("mono")(scattered)[1]],
         "evt2": [
             _words("<u4", [0x8 << 28 | 3, 0x1 << 28 | 5 << 22 | 9 << 11 | 7, 0xA << 28 | 1, 0x8 << 28, 0x5 << 28])
         ],
+        "evt21": [_words("<u4", vectors)],
+        "evt21_legacy": [np.array(vectors, "<u4").reshape(-1, 2)[:, ::-1].tobytes()],
         "dat": [_words("<u4", [2**32 - 2, 5 | 6 << 14, 3, 345 | 259 << 14 | 1 << 28])],
         "libcaer": [_words("<u4", [1 | 3 << 2 | 5 << 17, 2**31 - 1, 3 | 259 << 2 | 345 << 17, 4])],
         "libcaer_cmp": [_words("<u2", [0x0001, 0x1002, 0x2005, 0x3807, 0x4803, 0x50FF, 0x5001, 0x6000])],

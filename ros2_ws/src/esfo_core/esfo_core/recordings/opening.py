@@ -11,6 +11,8 @@ from esfo_core.recordings.aedat4 import MAGIC as AEDAT4
 from esfo_core.recordings.aedat4 import Aedat4Recording
 from esfo_core.recordings.bag import BagRecording
 from esfo_core.recordings.byte_stream import COMPRESSED
+from esfo_core.recordings.hdf5 import MAGIC as HDF5
+from esfo_core.recordings.hdf5 import Hdf5Recording
 from esfo_core.recordings.prophesee import PropheseeRecording
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
@@ -30,8 +32,8 @@ _NOTHING_TOLD = ReadingOptions()
 def open_recording(path: Path, topic: str | None = None, options: ReadingOptions = _NOTHING_TOLD) -> Recording:
     """Open an event recording of any known format, told by its first bytes.
 
-    path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT3) or DAT
-    file, an AEDAT4 file, or text, plain or compressed.
+    path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT2.1, EVT3) or
+    DAT file, an AEDAT4 file, an HDF5 file of Prophesee or DSEC, or text, plain or compressed.
     topic: which event topic of a bag or stream of an AEDAT4 file, needed only when it has several.
     options: what the file does not tell.
 
@@ -57,6 +59,8 @@ def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Record
         return PropheseeRecording(path)
     if start.startswith(AEDAT4):
         return Aedat4Recording(path, topic)
+    if start.startswith(HDF5):
+        return Hdf5Recording(path, options)
     if start.startswith(b"#!AER-DAT"):
         raise RecordingError(f"AEDAT of version {start[9:12].decode('ascii', 'replace')} is not read, only 4.0")
     if start.startswith(COMPRESSED) or _TEXT.issuperset(start.removeprefix(_BYTE_ORDER_MARK)):

@@ -1,4 +1,4 @@
-"""Fuzz one decoder, guided by coverage (docs/fuzzing.md): `fuzz_decoders.py ENCODING CORPUS_FOLDER [options]`.
+"""Fuzz one decoder, guided by coverage (docs/fuzzing.md): `fuzz_decoders.py ENCODING CORPUS [options]`.
 
 Needs atheris. The kernels run as plain Python, because the fuzzer cannot look into compiled ones.
 """
@@ -31,14 +31,16 @@ def as_plain_python() -> None:
 
 
 def main() -> None:
-    """Write the seeds to the corpus folder and fuzz."""
+    """Write the seeds to the folder of the corpus and fuzz; or try one file."""
     if len(sys.argv) < 3 or sys.argv[1] not in ENCODINGS:
-        raise SystemExit(f"usage: fuzz_decoders.py ENCODING CORPUS_FOLDER [options]; encodings: {', '.join(ENCODINGS)}")
-    encoding, folder = sys.argv.pop(1), Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
+        raise SystemExit(f"usage: fuzz_decoders.py ENCODING CORPUS [options]; encodings: {', '.join(ENCODINGS)}")
+    encoding = sys.argv.pop(1)
+    corpus = Path(sys.argv[1])
     as_plain_python()
-    for i, seed in enumerate(seeds(encoding)):
-        (folder / f"seed{i}").write_bytes(seed)
+    if not corpus.is_file():  # a file is an earlier failure, to be repeated
+        corpus.mkdir(parents=True, exist_ok=True)
+        for i, seed in enumerate(seeds(encoding)):
+            (corpus / f"seed{i}").write_bytes(seed)
     atheris.Setup(sys.argv, lambda data: check(encoding, data))
     atheris.Fuzz()
 

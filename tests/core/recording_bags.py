@@ -68,11 +68,16 @@ def event_bag(path, *packets, **options):
 
 
 def sqlite_bag(path, parts):
+    return write_sqlite(path, EVENT_PACKET, [packet(part, seq) for seq, part in enumerate(parts)])
+
+
+def write_sqlite(path, kind, messages):
+    """Write serialised messages of one topic, without a definition, as early ROS 2 did."""
     with sqlite3.connect(path) as db:
         db.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
         db.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
-        db.execute("INSERT INTO topics VALUES (1, '/events', ?, 'cdr')", (EVENT_PACKET,))
-        rows = [(1, seq, bytes(packet(part, seq))) for seq, part in enumerate(parts)]
+        db.execute("INSERT INTO topics VALUES (1, '/events', ?, 'cdr')", (kind,))
+        rows = [(1, seq, bytes(message)) for seq, message in enumerate(messages)]
         db.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", rows)
     db.close()
     return path

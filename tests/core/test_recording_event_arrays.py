@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
-from recording_bags import CAMERA, everything, expect_error, info, packet, some_events, write_bag
+from recording_bags import CAMERA, everything, expect_error, info, packet, some_events, write_bag, write_sqlite
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -49,6 +49,8 @@ def event_array_bag(path, kind, messages, event=EVENT):
             for i, data in enumerate(messages):
                 writer.write(connection, i, data)
         return path
+    if path.suffix == ".db3":
+        return write_sqlite(path, kind, messages)
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.NONE)
         writer.start(profile="ros2")
@@ -65,7 +67,7 @@ def event_array_bag(path, kind, messages, event=EVENT):
 
 
 @pytest.mark.parametrize("kind", EVENT_ARRAYS)
-@pytest.mark.parametrize("suffix", ["bag", "mcap"])
+@pytest.mark.parametrize("suffix", ["bag", "mcap", "db3"])
 def test_bags_of_event_arrays(tmp_path, kind, suffix):
     events = some_events(3000, start=1_699_999_999 * 10**9)
     ros1 = suffix == "bag"
@@ -76,12 +78,13 @@ def test_bags_of_event_arrays(tmp_path, kind, suffix):
     assert (np.concatenate(chunks) == np.concatenate(parts)).all()
     assert (recording.width, recording.height) == (64, 48)
     name = f"{kind.split('/')[0]}/EventArray"
-    assert recording.format == f"{'ROS 1 bag' if ros1 else 'ROS 2 bag (MCAP)'}, {name}"
+    storage = {"bag": "ROS 1 bag", "mcap": "ROS 2 bag (MCAP)", "db3": "ROS 2 bag (SQLite)"}[suffix]
+    assert recording.format == f"{storage}, {name}"
     assert recording.statistics.packets == len(parts)
     assert recording.statistics.decoder.trailing_bytes == 0
     assert recording.statistics.host_offset == 1_700_000_000 * 10**9 + 5 - events["t"][0]
     assert recording.progress() == 1.0
-    assert (recording.camera is None) == ros1
+    assert (recording.camera is None) == (suffix != "mcap")
 
 
 @settings(max_examples=100, deadline=None)

@@ -22,7 +22,12 @@ from esfo_core.recordings.messages import EVENT_PACKET
 WIDTH, HEIGHT = 1280, 720
 PACKET = 8192
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-RECORDED = ("ros_bags/libcaer_cmp_ros2_mcap", "ros_bags/libcaer_rollover_ros2_db3", "raw/evt2.raw")
+RECORDED = (
+    "ros_bags/libcaer_cmp_ros2_mcap",
+    "ros_bags/libcaer_rollover_ros2_db3",
+    "raw/evt2.raw",
+    "raw/davis346.aedat4",
+)
 ARRAY = "dvs_msgs/msg/EventArray"
 EVENT_DEFINITION = "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity\n"
 ARRAY_DEFINITION = "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events\n"
@@ -169,7 +174,13 @@ def recorded(name: str) -> Iterator[Case]:
         topic = next(topic for topic, _ in file.topics([EVENT_PACKET]))
         packets = [(int(m.time_base), m.events.tobytes()) for m in file.messages(topic, EVENT_PACKET)]
     encoding = recording.format.rpartition(", ")[2]
-    yield Case(f"{encoding}, recorded", path, encoding, (recording.width, recording.height), packets)
+    yield Case(
+        f"{encoding if packets else recording.format}, recorded",
+        path,
+        encoding,
+        (recording.width, recording.height),
+        packets,
+    )
 
 
 def all_cases(folder: Path, count: int) -> list[Case]:

@@ -100,9 +100,21 @@ def test_guessed_intrinsics_are_named(capsys, tmp_path, recording, monkeypatch):
 
     opened = offline.open_recording(recording)
     opened.camera = None
-    monkeypatch.setattr(offline, "open_recording", lambda path: opened)
+    monkeypatch.setattr(offline, "open_recording", lambda *arguments: opened)
     fails(capsys, "run", recording, "-o", tmp_path / "out")
     assert "intrinsics_assumed" in json.loads((tmp_path / "out/orbit.json").read_text())["flags"]
+
+
+def test_camera_file_tells_the_sensor_of_a_text(capsys, tmp_path):
+    text = tmp_path / "events.txt"
+    text.write_text("".join(f"{0.001 * k:.6f} {k % 40} {k % 30} {k % 2}\n" for k in range(2000)))
+    camera = tmp_path / "camera.yaml"
+    Camera.pinhole(64, 48, 80.0).write_yaml(camera)
+    fails(capsys, "run", text, "--camera", camera, "-o", tmp_path / "out")
+    assert json.loads((tmp_path / "out/orbit.json").read_text())["flags"] == []
+    assert "64x48 px" in (tmp_path / "out/report.html").read_text()
+    fails(capsys, "run", text, "-p", "width:=50", "-p", "height:=40", "-o", tmp_path / "out")
+    assert "50x40 px" in (tmp_path / "out/report.html").read_text()
 
 
 def test_info(capsys, recording):

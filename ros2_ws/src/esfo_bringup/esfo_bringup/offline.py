@@ -12,7 +12,7 @@ from esfo_bringup.settings import RunSettings
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, RecordingError
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.recordings import Recording, open_recording
+from esfo_core.recordings import ReadingOptions, Recording, open_recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend, Statistics
 
@@ -36,13 +36,20 @@ class Source:
     assumed: bool
 
 
-def open_source(path: Path, camera_file: Path | None) -> Source:
+def open_source(
+    path: Path, camera_file: Path | None, topic: str | None = None, options: ReadingOptions | None = None
+) -> Source:
     """Open a recording and find its camera: the file given, that of the recording, or a guess that is named so.
 
-    Raises RecordingError, and CameraError when the camera is of another size than the sensor.
+    topic, options: what the recording does not tell; a camera file tells the sensor size. Raises RecordingError, and
+    CameraError when the camera is of another size than the sensor.
     """
-    recording = open_recording(path)
-    camera = recording.camera if camera_file is None else Camera.read_yaml(camera_file)
+    reading = options or ReadingOptions()
+    given = None if camera_file is None else Camera.read_yaml(camera_file)
+    if given is not None and reading.size is None:
+        reading = replace(reading, width=given.width, height=given.height)
+    recording = open_recording(path, topic, reading)
+    camera = given or recording.camera
     if camera is None:
         # A lens of 53 degrees: the rate hardly depends on it, the axis does.
         return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)

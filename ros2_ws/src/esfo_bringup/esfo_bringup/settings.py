@@ -9,6 +9,7 @@ from esfo_backend.options import PRESETS as BACKEND_PRESETS
 from esfo_backend.options import BackendOptions
 from esfo_core.errors import OptionError
 from esfo_core.options import fields_of, replace
+from esfo_core.recordings import ReadingOptions
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
 from esfo_frontend.options import FrontendOptions, check_options
 
@@ -21,19 +22,36 @@ class RunSettings:
     backend: BackendOptions
 
 
+@dataclass(frozen=True)
+class Assignments:
+    """Values of options by name, shared out among those whose options they are."""
+
+    reading: dict[str, str]
+    frontend: dict[str, str]
+    backend: dict[str, str]
+
+
+def share_out(values: Mapping[str, str]) -> Assignments:
+    """Say whose option each name is. Raises OptionError for a name that is nobody's."""
+    owners = [
+        {leaf.name for leaf in fields_of(options)}
+        for options in (ReadingOptions(), FrontendOptions(), BackendOptions())
+    ]
+    for name in values:
+        if not any(name in owned for owned in owners):
+            known = ", ".join(sorted(set.union(*owners)))
+            raise OptionError(f"unknown option {name!r}; known: {known}")
+    return Assignments(*({k: v for k, v in values.items() if k in owned} for owned in owners))
+
+
 def settings_for(preset: str, values: Mapping[str, str]) -> RunSettings:
-    """Return the settings of a preset with single options changed; an option's name says whose it is.
+    """Return the settings of a preset with single options changed; those of reading are left to the reader.
 
     Raises OptionError for an unknown preset or option, or a value that does not fit.
     """
     if preset not in FRONTEND_PRESETS:
         raise OptionError(f"preset is {preset!r}; choose from {', '.join(FRONTEND_PRESETS)}")
-    frontend, backend = FRONTEND_PRESETS[preset], BACKEND_PRESETS[preset]
-    of_frontend = {leaf.name for leaf in fields_of(frontend)}
-    of_backend = {leaf.name for leaf in fields_of(backend)}
-    for name in values:
-        if name not in of_frontend | of_backend:
-            raise OptionError(f"unknown option {name!r}; known: {', '.join(sorted(of_frontend | of_backend))}")
-    frontend = replace(frontend, {k: v for k, v in values.items() if k in of_frontend})
+    changed = share_out(values)
+    frontend = replace(FRONTEND_PRESETS[preset], changed.frontend)
     check_options(frontend)
-    return RunSettings(frontend, replace(backend, {k: v for k, v in values.items() if k in of_backend}))
+    return RunSettings(frontend, replace(BACKEND_PRESETS[preset], changed.backend))

@@ -6,29 +6,35 @@ import argparse
 import os
 from pathlib import Path
 
+from esfo_bringup.commands.reading import add_assignments, add_recording
 from esfo_bringup.errors import CommandError
-from esfo_bringup.offline import RunResult
+from esfo_bringup.offline import RunResult, Source, open_source
 from esfo_bringup.results import summary
-from esfo_bringup.settings import RunSettings, settings_for
-from esfo_core.options import parse_assignments
+from esfo_bringup.settings import RunSettings, settings_for, share_out
+from esfo_core.options import parse_assignments, replace
+from esfo_core.recordings import ReadingOptions
 
 Commands = argparse._SubParsersAction  # the only name that argparse has for it
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what `run` and `live` take alike."""
-    parser.add_argument("recording", type=Path, help="bag (file or folder), Prophesee .raw or .dat")
+    add_recording(parser)
     parser.add_argument("--camera", type=Path, metavar="YAML", help="camera_calibration file (default: in the bag)")
     parser.add_argument("--preset", default="default", choices=("default", "paper"), help="values of all options")
-    parser.add_argument(
-        "-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help="set one option; may be repeated"
-    )
+    add_assignments(parser, "set one option of the pipeline or of reading; may be repeated")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
 
 
 def settings_of(args: argparse.Namespace) -> RunSettings:
     """Return the settings that the arguments ask for."""
     return settings_for(args.preset, parse_assignments(args.set))
+
+
+def source_of(args: argparse.Namespace) -> Source:
+    """Open the recording and the camera that the arguments name."""
+    reading = replace(ReadingOptions(), share_out(parse_assignments(args.set)).reading)
+    return open_source(args.recording, args.camera, args.topic, reading)
 
 
 def check_output(folder: Path) -> None:

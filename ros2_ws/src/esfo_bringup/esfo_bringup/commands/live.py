@@ -8,9 +8,8 @@ import signal
 import subprocess
 import sys
 
-from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, settings_of
+from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, settings_of, source_of
 from esfo_bringup.errors import CommandError
-from esfo_bringup.offline import open_source
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -33,13 +32,15 @@ def execute(args: argparse.Namespace) -> int:
     if importlib.util.find_spec("rclpy") is None:
         raise CommandError("ROS 2 is not in this environment: source a Jazzy install, or use make setup")
     settings_of(args)
-    open_source(args.recording, args.camera)
+    source_of(args)
     check_output(args.output)
     if not args.rate >= 0:
         raise CommandError(f"--rate is {args.rate}; it takes 0 or more")
     forwarded = [str(args.recording), "-o", str(args.output), "--preset", args.preset, "--rate", str(args.rate)]
     for assignment in args.set:
         forwarded += ["-p", assignment]
+    if args.topic is not None:
+        forwarded += ["--topic", args.topic]
     if args.camera is not None:
         forwarded += ["--camera", str(args.camera)]
     return _run_session([sys.executable, "-m", "esfo_bringup.live", *forwarded])

@@ -12,17 +12,20 @@ from esfo_core.recordings.reading_options import ReadingOptions
 
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording and what it may not tell."""
+    add_recording(parser)
+    names = ", ".join(leaf.name for leaf in fields_of(ReadingOptions()))
+    add_assignments(parser, f"what the file does not tell: {names}")
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add the recording itself."""
     parser.add_argument("recording", type=Path, help="bag (file or folder) or event file of any known format")
     parser.add_argument("--topic", help="event topic of a bag, where it has several")
-    names = ", ".join(leaf.name for leaf in fields_of(ReadingOptions()))
-    parser.add_argument(
-        "-p",
-        dest="set",
-        action="append",
-        default=[],
-        metavar="NAME:=VALUE",
-        help=f"what the file does not tell: {names}",
-    )
+
+
+def add_assignments(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add `-p NAME:=VALUE`, collected in `args.set`."""
+    parser.add_argument("-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help=meaning)
 
 
 def opened(args: argparse.Namespace) -> Recording:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, report, settings_of
-from esfo_bringup.offline import open_source, run_offline
+from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, report, settings_of, source_of
+from esfo_bringup.offline import run_offline
 from esfo_bringup.results import write_results
 
 
@@ -19,7 +19,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run the pipeline and write the results."""
     settings = settings_of(args)
-    source = open_source(args.recording, args.camera)
+    source = source_of(args)
     check_output(args.output)
     result = run_offline(source, settings)
     write_results(result, source, args.output)

@@ -20,16 +20,16 @@ from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from esfo_backend import messages
-from esfo_bringup.commands.arguments import report, settings_of
+from esfo_bringup.commands.arguments import report, settings_of, source_of
 from esfo_bringup.commands.live import add_live_arguments
 from esfo_bringup.errors import CommandError
 from esfo_bringup.live.processes import NodeProcess, NodeProcesses
-from esfo_bringup.offline import RunResult, Source, open_source, with_source
+from esfo_bringup.offline import RunResult, Source, with_source
 from esfo_bringup.results import write_results
+from esfo_bringup.settings import share_out
 from esfo_core.errors import EsfoError
-from esfo_core.options import fields_of, parse_assignments
+from esfo_core.options import parse_assignments
 from esfo_core.tracks import Tracks
-from esfo_frontend.options import FrontendOptions
 
 _START_S = 120.0
 _SETTLE_S = 60.0
@@ -118,12 +118,11 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
     """Start the three nodes with a configuration in which nothing may be lost; return the replay."""
     camera = folder / "camera.yaml"
     source.camera.write_yaml(camera)
-    of_frontend = {leaf.name for leaf in fields_of(FrontendOptions())}
-    chosen = parse_assignments(args.set)
-    backend = {k: v for k, v in chosen.items() if k not in of_frontend}
-    frontend = {k: v for k, v in chosen.items() if k in of_frontend}
+    chosen = share_out(parse_assignments(args.set))
     processes.start(
-        "esfo_backend", "backend_node", {"preset": args.preset, "use_sim_time": True, "idle_solve_s": 0.0, **backend}
+        "esfo_backend",
+        "backend_node",
+        {"preset": args.preset, "use_sim_time": True, "idle_solve_s": 0.0, **chosen.backend},
     )
     processes.start(
         "esfo_frontend",
@@ -135,14 +134,19 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
             "queue": 1_000_000,
             "wait_for_back_end": True,
             "idle_flush_s": 0.0,
-            **frontend,
+            **chosen.frontend,
         },
     )
+    recording = source.recording
+    size = {"width": recording.width, "height": recording.height}
+    topic = {} if args.topic is None else {"topic": args.topic}
     return processes.start(
         "esfo_bringup",
         "replay_node",
         {
-            "recording": source.recording.path.absolute(),
+            "recording": recording.path.absolute(),
+            **topic,
+            **{f"reading.{name}": value for name, value in {**chosen.reading, **size}.items()},
             "camera": camera,
             "rate": args.rate,
             "wait_timeout_s": _START_S,
@@ -186,7 +190,7 @@ def main() -> int:
     try:
         rclpy.init(args=[])
         settings_of(args)
-        source = open_source(args.recording, args.camera)
+        source = source_of(args)
         with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
             result = run_live(source, args, Path(folder))
         write_results(result, source, args.output)

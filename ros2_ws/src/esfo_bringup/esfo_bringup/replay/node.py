@@ -37,7 +37,9 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._options = declare_fields(self, ReplayOptions())
         if not self._options.recording:
             raise OptionError("parameter recording is not set")
-        self._recording = open_recording(Path(self._options.recording))
+        self._recording = open_recording(
+            Path(self._options.recording), self._options.topic or None, self._options.reading
+        )
         camera = choose_camera(self._recording, self._options.camera)
         self._pace = self._new_pace(self._options.rate)
         self._seq = self._sent_events = 0

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, EsfoError
 from esfo_core.events import EventArray
 from esfo_core.options import option
-from esfo_core.recordings import Recording
+from esfo_core.recordings import ReadingOptions, Recording
 
 PACKET_NS = 2_000_000
 MAX_EVENTS = 16_384
@@ -26,6 +26,8 @@ class ReplayOptions:
     """What is played, and how fast."""
 
     recording: str = option("", "path of the recording")
+    topic: str = option("", "event topic of a bag, where it has several; empty: the only one")
+    reading: ReadingOptions = field(default_factory=ReadingOptions)
     camera: str = option("", "path of a camera_calibration YAML; empty: the calibration in the recording")
     frame_id: str = option("camera", "name of the camera's optical frame")
     rate: float = option(1.0, "speed relative to real time; 0: as fast as the front-end acknowledges", 0.0, 1e6)

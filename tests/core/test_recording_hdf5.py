@@ -88,7 +88,6 @@ ONES = np.ones(9, "u4")
         ({"t": ONES * 0.5}, "/events/t holds numbers of type float64"),
         ({"t": np.ones((3, 3), "u4")}, "2 dimensions"),
         ({"t": np.full(9, 2**63, "u8")}, "t from"),
-        ({"t": np.array([9e8, 8e8, *range(7)], "u4")}, "time steps back"),
         ({name: ONES[:0] for name in "xypt"}, "without an event"),
     ],
 )

@@ -74,7 +74,6 @@ def test_what_the_user_tells_comes_first(tmp_path):
         ("1,2,1,1\n1,2,0,2\n1,2,-1,3\n", "line 3 is no event"),  # 0 and -1: no knowing
         ("# 1\nx,y,p,t\n1,2,1,1\n\n1,2,junk,2\n", "line 5 is no event of x,y,p,t with time in us: '1,2,junk,2'"),
         ("1,2,1,1\n1,-2,1,2\n", "line 2 is no event"),
-        ("1,2,1,900000\n1,2,1,2\n3,3,1,3\n", r"time steps back by 0\.899998 s"),
         ("1,2,1,1\n" + 5000 * "7", "line 2 is longer than 4096 bytes"),
     ],
 )

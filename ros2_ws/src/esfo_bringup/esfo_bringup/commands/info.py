@@ -120,6 +120,11 @@ def _losses(recording: Recording) -> list[tuple[str, str]]:
         "words of no known code": d.unknown_words,
         "bytes that make no whole word": d.trailing_bytes,
     }
+    if s.segments > 1:
+        others = f"{s.events_elsewhere} events in the others (-p segment:=N reads another)"
+        facts.append(
+            ("segments", f"{s.segments}, the clock is set back; this is segment {recording.segment}, {others}")
+        )
     if any(decoding.values()):
         facts.append(("skipped", ", ".join(f"{count} {name}" for name, count in decoding.items() if count)))
     return facts

@@ -23,6 +23,11 @@ def execute(args: argparse.Namespace) -> int:
     check_output(args.output)
     result = run_offline(source, settings)
     write_results(result, source, args.output)
+    read = source.recording.statistics
+    if read.segments > 1:
+        print(
+            f"recording   segment {source.recording.segment} of {read.segments}: the clock is set back, see esfo info"
+        )
     s = result.statistics
     if s is not None:
         print(f"front-end   {s.events} events, {s.corners} corners, {s.kept} kept, {s.tracks} tracks, {s.rows} rows")

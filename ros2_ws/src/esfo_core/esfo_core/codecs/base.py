@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.errors import RecordingError
@@ -65,12 +66,23 @@ class Decoder(ABC):
         Returns events (N,) in time order; within a packet, steps back of up to `MAX_STEP_BACK` are sorted and counted.
         Raises RecordingError for a larger step back or a time that does not fit 63 bits.
         """
+        parts = self.decode_parts(data, time_base)
+        if len(parts) > 1:
+            back = (parts[0]["t"][-1] - parts[1]["t"][0]) / 1e9
+            raise RecordingError(f"time steps back by {back:.6f} s inside a packet")
+        return parts[0]
+
+    def decode_parts(self, data: Bytes, time_base: int = 0) -> list[EventArray]:
+        """Decode one packet as `decode`, but cut it where time steps back by more than `MAX_STEP_BACK`.
+
+        Returns at least one array of events (N,), each in time order.
+        """
         raw = np.frombuffer(data, np.uint8)
         whole = len(raw) - len(raw) % self.word.itemsize
         self.statistics.trailing_bytes += len(raw) - whole
-        events = self._in_order(self._decode(raw[:whole].view(self.word), time_base))
-        self.statistics.events += len(events)
-        return events
+        parts = self._in_order(self._decode(raw[:whole].view(self.word), time_base))
+        self.statistics.events += sum(len(part) for part in parts)
+        return parts
 
     def resynchronise(self) -> None:  # noqa: B027 - encodings without state have nothing to forget
         """Packets are missing: emit nothing that depends on a word they may have held."""
@@ -79,21 +91,37 @@ class Decoder(ABC):
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         """Decode whole words (M,) of the type `word` to events, in stream order."""
 
-    def _in_order(self, events: EventArray) -> EventArray:
+    def _in_order(self, events: EventArray) -> list[EventArray]:
         t = events["t"]
         if not (t[1:] < t[:-1]).any():
-            return events
-        behind = np.maximum.accumulate(t) - t
-        if behind.max() > MAX_STEP_BACK:
-            raise RecordingError(f"time steps back by {behind.max() / 1e9:.6f} s inside a packet")
-        self.statistics.out_of_order += int(np.count_nonzero(behind))
-        return events[np.argsort(t, kind="stable")]
+            return [events]
+        parts = []
+        for part in np.split(events, part_starts(t, MAX_STEP_BACK)):
+            behind = np.maximum.accumulate(part["t"]) - part["t"]
+            self.statistics.out_of_order += int(np.count_nonzero(behind))
+            parts.append(part[np.argsort(part["t"], kind="stable")])
+        return parts
 
     def _inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
         """Mask of the pixels on the sensor; counts the others."""
         inside = (x < self.width) & (y < self.height)
         self.statistics.out_of_range += len(inside) - int(np.count_nonzero(inside))
         return inside
+
+
+@njit(cache=True, nogil=True)
+def part_starts(t: NDArray[np.int64], limit: int) -> NDArray[np.int64]:
+    """Indices into times t (N,) at which time has stepped back by more than `limit` from the latest of its part."""
+    starts = np.empty(len(t), np.int64)
+    n = 0
+    latest = t[0]
+    for i in range(1, len(t)):
+        if latest - t[i] > limit:
+            starts[n] = i
+            n += 1
+            latest = t[i]
+        latest = max(latest, t[i])
+    return starts[:n]
 
 
 def check_time_base(time_base: int) -> None:

@@ -77,8 +77,8 @@ class TextDecoder(StateDecoder):
         self._open_line = b""
         self._latest: int | None = None  # ns
 
-    def decode(self, data: Bytes, time_base: int = 0) -> EventArray:
-        """Decode the lines that end in `data`, as `Decoder.decode`.
+    def decode_parts(self, data: Bytes, time_base: int = 0) -> list[EventArray]:
+        """Decode the lines that end in `data`, as `Decoder.decode_parts`.
 
         Raises RecordingError with the line for one that is no event, and for one longer than `LONGEST_LINE`.
         """
@@ -89,10 +89,10 @@ class TextDecoder(StateDecoder):
             self._open_line += rest
         if len(self._open_line) > LONGEST_LINE:
             raise RecordingError(f"line {self.line} is longer than {LONGEST_LINE} bytes")
-        events = super().decode(whole, time_base)
-        if len(events):
-            self._latest = int(events["t"][-1])
-        return events
+        parts = super().decode_parts(whole, time_base)
+        if len(parts[-1]):
+            self._latest = int(parts[-1]["t"][-1])
+        return parts
 
     def finish(self) -> tuple[EventArray, int]:
         """Decode the last line where it has no end.

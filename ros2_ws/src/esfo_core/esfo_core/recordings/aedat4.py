@@ -72,7 +72,7 @@ class Aedat4Recording(Recording):
                 statistics.packets_damaged += 1
                 continue
             statistics.packets += 1
-            yield decoder.decode(words)
+            yield from decoder.decode_parts(words)
 
     def _compressed_packets(self) -> Iterator[bytes]:
         """Packets of the event stream; counts the bytes after the last that is whole."""

@@ -68,12 +68,12 @@ class BagRecording(Recording):
             latest = seq
             statistics.packets += 1
             try:
-                events = events_of.decode(message.events, int(message.time_base))
+                parts = events_of.decode_parts(message.events, int(message.time_base))
             except RecordingError as error:
                 raise RecordingError(f"packet {seq}: {error}") from error
-            if statistics.host_offset is None and len(events):
-                statistics.host_offset = stamp_of(message) - int(events["t"][0])
-            yield events
+            if statistics.host_offset is None and len(parts[0]):
+                statistics.host_offset = stamp_of(message) - int(parts[0]["t"][0])
+            yield from parts
 
     def _all(self, topic: str, kind: str) -> Iterator[Any]:
         for file in self._files:

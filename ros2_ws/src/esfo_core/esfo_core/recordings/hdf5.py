@@ -68,7 +68,7 @@ class Hdf5Recording(Recording):
                 events = _events(columns, start)
                 self._read = min(self._count, start + _BLOCK)
                 self.statistics.packets += 1
-                yield decoder.decode(events.view(np.uint8))
+                yield from decoder.decode_parts(events.view(np.uint8))
 
     @contextmanager
     def _columns(self) -> Iterator[tuple[Mapping[str, Any], tuple[int, int] | None]]:

@@ -41,11 +41,13 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     the calibration in a bag is impossible.
     """
     try:
-        return _open_folder(path, topic) if path.is_dir() else _open_file(path, topic, options)
+        recording = _open_folder(path, topic) if path.is_dir() else _open_file(path, topic, options)
     except (RecordingError, CameraError) as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{error.filename or path}: {error.strerror}") from error
+    recording.segment = options.segment
+    return recording
 
 
 def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Recording:

@@ -63,7 +63,7 @@ class PropheseeRecording(Recording):
             while block := file.read(BLOCK):
                 self.statistics.packets += 1
                 self._read = file.tell()
-                yield events_of.decode(block)
+                yield from events_of.decode_parts(block)
 
 
 def _read_header(file: BinaryIO) -> tuple[dict[str, str], int]:

@@ -16,6 +16,8 @@ from esfo_core.events import EventArray
 from esfo_core.recordings.ordering import TimeOrder
 
 CHUNK_NS = 10_000_000
+MAX_SEGMENTS = 1000
+"""Clocks are set back a few times at most; random bytes are so at every event."""
 
 
 @dataclass
@@ -27,7 +29,8 @@ class RecordingStatistics:
     packets_damaged: packets that could not be read, skipped. out_of_order: events earlier than one of an earlier
     packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole.
     host_offset: host time minus sensor time in ns of the first packet with events, None where no host time is known.
-    decoder: counters of the decoder.
+    segments: stretches of time, one more than the clock was set back. events_elsewhere: events of the segments that
+    were not asked for. decoder: counters of the decoder.
     """
 
     events: int = 0
@@ -40,6 +43,8 @@ class RecordingStatistics:
     out_of_order: int = 0
     bytes_lost: int = 0
     host_offset: int | None = None
+    segments: int = 1
+    events_elsewhere: int = 0
     decoder: DecoderStatistics = field(default_factory=DecoderStatistics)
 
 
@@ -49,6 +54,7 @@ class Recording(ABC):
     path: its file or folder. format: short name of the file format and encoding. width, height: sensor size in pixels.
     size_inferred: neither the file nor the user told the sensor size; it is what the events need.
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
+    segment: number of the stretch that `chunks` yields, of a recording whose clock is set back; 0 is the first.
     unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
 
@@ -59,6 +65,7 @@ class Recording(ABC):
         self.width = 0
         self.height = 0
         self.size_inferred = False
+        self.segment = 0
         self.unusable_camera: EsfoError | None = None
         self.statistics = RecordingStatistics()
         self._camera: Camera | None = None
@@ -82,22 +89,29 @@ class Recording(ABC):
 
         Yields time-sorted events (N,), N > 0, none earlier than those before; stretches without events are left out.
         Times are sensor times in ns. Memory does not grow with the length of the recording.
-        Steps back of up to `MAX_STEP_BACK` are sorted and counted. Raises RecordingError for a larger step back (after
-        the chunks before it), for damage that ends the reading, and for a recording without any event.
+        Steps back of up to `MAX_STEP_BACK` are sorted and counted; at a larger one a new segment begins, and only the
+        one of number `segment` is yielded. Raises RecordingError for damage that ends the reading (after the chunks
+        before it), for more than `MAX_SEGMENTS`, and for a segment without any event.
         """
         self.statistics = RecordingStatistics()
         order = TimeOrder(duration_ns)
         try:
             for packet in self._packets():
-                for chunk in order.push(packet):
-                    yield self._counted(chunk)
-                self.statistics.out_of_order = order.out_of_order
-            for chunk in order.flush():
-                yield self._counted(chunk)
+                if order.starts_anew(packet):
+                    yield from self._chosen(order.flush())
+                    self._begin_segment()
+                    order = TimeOrder(duration_ns)
+                before = order.out_of_order
+                yield from self._chosen(order.push(packet))
+                self.statistics.out_of_order += order.out_of_order - before
+            yield from self._chosen(order.flush())
         except RecordingError as error:
             raise RecordingError(f"{self.path}: {error}") from error
         except OSError as error:
             raise RecordingError(f"{self.path}: {error.strerror}") from error
+        if self.segment >= self.statistics.segments:
+            back = self.statistics.segments - 1
+            raise RecordingError(f"{self.path}: no segment {self.segment}: the clock is set back {back} times")
         if not self.statistics.events:
             raise RecordingError(f"{self.path}: no events in {self.statistics.packets} packets of {self.format}")
 
@@ -111,6 +125,21 @@ class Recording(ABC):
 
         Raises RecordingError without the path, and OSError; `chunks` adds the path.
         """
+
+    def _begin_segment(self) -> None:
+        self.statistics.segments += 1
+        if self.statistics.segments > MAX_SEGMENTS:
+            raise RecordingError(
+                f"the clock is set back more than {MAX_SEGMENTS - 1} times: these are no times of events"
+            )
+
+    def _chosen(self, chunks: Iterator[EventArray]) -> Iterator[EventArray]:
+        """Pass on the chunks of the segment that was asked for; count the events of the others."""
+        for chunk in chunks:
+            if self.statistics.segments - 1 == self.segment:
+                yield self._counted(chunk)
+            else:
+                self.statistics.events_elsewhere += len(chunk)
 
     def _counted(self, chunk: EventArray) -> EventArray:
         statistics = self.statistics

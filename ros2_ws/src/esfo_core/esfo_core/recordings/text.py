@@ -48,7 +48,7 @@ class TextRecording(Recording):
         for block in self._stream.blocks():
             self.statistics.packets += 1
             data, skip = block[skip:], max(0, skip - len(block))
-            yield decoder.decode(data)
+            yield from decoder.decode_parts(data)
         events, lost = decoder.finish()
         self.statistics.bytes_lost = max(lost, int(self._stream.cut))
         yield events

@@ -92,6 +92,26 @@ def test_no_rotation_is_a_failure_with_a_reason():
     assert "does not repeat" in noise.solve().reason
 
 
+def test_events_before_a_long_gap_are_left_out():
+    day = 86_400_000_000_000
+    scene, activity = tracks_of(spin(AXIS), noise_px=0.5), None
+    backend = Backend(CAMERA, DIRECT)
+    for shift in (0, day):
+        moved = spin(AXIS, t0=1_700_000_000_000_000_000 + shift)
+        scene = tracks_of(moved, noise_px=0.5)
+        activity = synthetic_activity(moved, scene.points, CAMERA, 4.0)
+        tracks = Tracks(
+            scene.tracks.track_id + np.uint32(1000 * bool(shift)),
+            *(getattr(scene.tracks, name) for name in ("t", "uv", "sigma")),
+        )
+        backend.add(TrackUpdate(tracks, NONE_ENDED), activity)
+    estimate = backend.solve()
+    assert estimate.status == "ok"
+    assert "only_after_gap" in estimate.flags
+    assert estimate.t_first == activity.t0
+    assert estimate.revolutions == pytest.approx(2.0, rel=0.01)
+
+
 def test_nothing_received():
     estimate = Backend(CAMERA).solve()
     assert estimate.status == "failed"

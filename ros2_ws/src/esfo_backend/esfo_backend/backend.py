@@ -10,18 +10,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from esfo_backend.adjust import Adjusted, adjust
 from esfo_backend.covariance import motion_covariance
 from esfo_backend.direct import mean_direction
 from esfo_backend.drift import rate_drift
 from esfo_backend.errors import BackendError
 from esfo_backend.graph import GraphResult, optimise_graph
 from esfo_backend.options import BackendOptions
-from esfo_backend.problem import Observations, observations, spin_and_points
+from esfo_backend.problem import observations, spin_and_points
 from esfo_backend.projection import row_errors
-from esfo_backend.reidentify import Labels, point_rms, reidentify
+from esfo_backend.reidentify import point_rms
 from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
+from esfo_backend.structure import Structure, build_structure, prune, recurring_points
 from esfo_backend.verdict import Evidence, judge
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
@@ -29,6 +29,9 @@ from esfo_core.estimate import Alternative, OrbitEstimate
 from esfo_core.options import check
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks, TrackUpdate
+
+LONGEST_GAP_NS = 60_000_000_000
+"""A pause in the events after which the earlier ones are left out: nobody knows what the object did meanwhile."""
 
 STAGES = ("spin_rate", "start", "reidentification", "graph")
 """Names of the stages of an estimate, in their order."""
@@ -45,15 +48,6 @@ class _Stopwatch:
         begin = time.perf_counter()
         yield
         self.seconds[name] = round(time.perf_counter() - begin, 3)
-
-
-@dataclass(frozen=True)
-class _Structure:
-    """One point per label: the observations of each, the solution and which tracks (M,) belong to which point."""
-
-    obs: Observations
-    solution: Adjusted
-    label: Labels
 
 
 class Backend:
@@ -114,7 +108,14 @@ class Backend:
             tracks, pieces = Tracks.concatenate(self._tracks), list(self._activity)
         if not pieces:
             return OrbitEstimate.failure("no events were received")
-        activity = Activity.concatenate(pieces)
+        stretch = last_stretch(pieces)
+        if len(stretch) == len(pieces):
+            return self._solve_stretch(tracks, Activity.concatenate(stretch), thorough)
+        tracks = tracks.select(tracks.t >= stretch[0].t0)
+        estimate = self._solve_stretch(tracks, Activity.concatenate(stretch), thorough)
+        return replace(estimate, flags=(*estimate.flags, "only_after_gap"))
+
+    def _solve_stretch(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
         self._solved_until = activity.end
         known = {
             "tracks": len(np.unique(tracks.track_id)),
@@ -142,9 +143,9 @@ class Backend:
             start = choose_start(tracks, obs, self.camera, rate.rate_hz, options, thorough)
         self.last_start_note = start.colmap_note
         with watch.stage("reidentification"):
-            structure = self._structure(start, obs)
+            structure = build_structure(start, obs, options)
         with watch.stage("graph"):
-            structure = self._prune(structure)
+            structure = prune(structure, options)
             result = optimise_graph(
                 structure.solution, structure.obs, options.graph.cauchy_px, options.graph.iterations
             )
@@ -156,43 +157,9 @@ class Backend:
             return SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
         return correlation_rate(activity, self.options.rate)
 
-    def _structure(self, start: Start, obs: Observations) -> _Structure:
-        """Re-identify with the rate held, then free, then tighten the loss: the order that was measured best."""
-        o, loose = self.options, self.options.start.cauchy_px
-        solution, label = start.adjusted, np.arange(obs.points)
-        if not o.reidentification.enabled:
-            return _Structure(obs, solution, label)
-        solution, label = reidentify(solution, obs, label, o.reidentification, loose, False)
-        solution = adjust(solution.motion, solution.y, obs.regroup(label), loose)
-        solution, label = reidentify(solution, obs, label, o.reidentification, loose, True)
-        solution = adjust(solution.motion, solution.y, obs.regroup(label), o.graph.cauchy_px)
-        return _Structure(obs.regroup(label), solution, label)
-
-    def _prune(self, structure: _Structure) -> _Structure:
-        """Drop what is no fixed point of the object (silhouettes, false tracks), refit, and look once more."""
-        for _ in range(2):
-            motion, y = structure.solution.motion, structure.solution.y
-            errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
-            rms = point_rms(errors, structure.obs)
-            middle = np.array([0.0, 0.0, np.median(y[:, 2])])
-            # The camera, at distance |(1, middle)| from the middle of the object, is outside the object.
-            near = np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2])
-            keep = (rms < self.options.graph.prune_px) & near
-            if keep.sum() < self.options.verdict.min_points:
-                raise BackendError(
-                    f"only {int(keep.sum())} of {len(keep)} points follow one rotation to "
-                    f"{self.options.graph.prune_px} px; {self.options.verdict.min_points} are needed"
-                )
-            new_label = np.where(keep, np.cumsum(keep) - 1, -1)
-            obs = structure.obs.regroup(new_label)
-            solution = adjust(motion, y[keep], obs, self.options.graph.cauchy_px)
-            label = np.where(structure.label >= 0, new_label[structure.label], -1)
-            structure = _Structure(obs, solution, label)
-        return structure
-
     def _estimate(
         self,
-        structure: _Structure,
+        structure: Structure,
         result: GraphResult,
         rate: SpinRate,
         start: Start,
@@ -211,7 +178,7 @@ class Backend:
                 mean_direction(obs),
                 covariance,
                 obs.points,
-                _recurring(obs, solution.motion.rate_hz) if self.options.reidentification.enabled else None,
+                recurring_points(obs, solution.motion.rate_hz) if self.options.reidentification.enabled else None,
                 float(inliers.mean()),
                 alternatives,
                 min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
@@ -254,6 +221,13 @@ class Backend:
         )
 
 
+def last_stretch(pieces: list[Activity]) -> list[Activity]:
+    """Return the pieces after the last gap of more than `LONGEST_GAP_NS`, in order of time."""
+    ordered = sorted(pieces, key=lambda piece: piece.t0)
+    gaps = [k for k in range(1, len(ordered)) if ordered[k].t0 - ordered[k - 1].end > LONGEST_GAP_NS]
+    return ordered[gaps[-1] :] if gaps else ordered
+
+
 def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
     found = [
         Alternative("harmonic", h.rate_hz, np.zeros(3), rate.correlation / max(h.correlation, 1e-9))
@@ -267,10 +241,3 @@ def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
             Alternative("mirror" if mirrored else "axis", start.second.motion.rate_hz, start.second.motion.axis, ratio)
         )
     return tuple(found)
-
-
-def _recurring(obs: Observations, rate_hz: float) -> int:
-    """Number of points that were seen again after half a turn or more without being seen."""
-    dt, first = obs.rows.dt, obs.rows.first
-    half_turn = 0.5 / rate_hz
-    return sum(bool(np.diff(dt[first[j] : first[j + 1]]).max(initial=0.0) >= half_turn) for j in range(obs.points))

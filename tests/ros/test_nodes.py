@@ -110,7 +110,8 @@ def test_live_and_offline_give_the_same(recording, listener, start):
     listener.listen(DiagnosticArray, "/diagnostics")
     listener.listen(Image, "overlay", 1)
     start(executable(*BACKEND), "--ros-args", "-p", "use_sim_time:=true")
-    start(executable(*FRONTEND), "--ros-args", *REPLAYED)
+    # Tracks go to the back-end and to this test, activity to the back-end and to the replay.
+    start(executable(*FRONTEND), "--ros-args", *REPLAYED, "-p", "min_listeners:=2")
     replay = start(executable(*REPLAY), "--ros-args", "-p", f"recording:={recording}", "-p", "rate:=0")
     listener.until(lambda: replay.poll() is not None)
     assert replay.returncode == 0

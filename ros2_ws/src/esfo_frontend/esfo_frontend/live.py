@@ -34,6 +34,7 @@ class LiveOptions:
     events: SubscriptionOptions = field(default_factory=SubscriptionOptions)
     queue: int = option(1000, "packets that may wait for the front-end; then the oldest is dropped", 1, 1_000_000)
     wait_for_back_end: bool = option(False, "take events only once a back-end, and whoever else is there, listens")
+    min_listeners: int = option(1, "with wait_for_back_end: least listeners of tracks, and of activity", 1, 1000)
     idle_flush_s: float = option(2.0, "wall time without packets that ends the stream, s; 0: never", 0.0, 1e6)
 
 

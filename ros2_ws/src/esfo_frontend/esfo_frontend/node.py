@@ -62,7 +62,7 @@ class FrontendNode(Node):  # type: ignore[misc]
 
     def _connect(self, live: LiveOptions) -> None:
         """Take events, once the back-end is there if it has to be: whoever sends them sees that all is ready."""
-        if live.wait_for_back_end and not self._back_end_listens():
+        if live.wait_for_back_end and not self._back_end_listens(live.min_listeners):
             return
         self._connecting.cancel()
         reliability = ReliabilityPolicy[live.events.reliability.upper()]
@@ -70,14 +70,17 @@ class FrontendNode(Node):  # type: ignore[misc]
         self.create_subscription(EventPacket, "events", self._on_packet, qos)
         self.get_logger().info("ready")
 
-    def _back_end_listens(self) -> bool:
-        """Whether a node that publishes `orbit` gets tracks and activity, and every other known listener does, too."""
+    def _back_end_listens(self, least: int) -> bool:
+        """Whether a node that publishes `orbit` gets tracks and activity, and so does every other known listener.
+
+        least: listeners that there must be; one whose announcement got lost is not known for some seconds.
+        """
         orbit = self.get_publishers_info_by_topic(self.resolve_topic_name("orbit"))
         back_ends = {(info.node_namespace, info.node_name) for info in orbit}
         for publisher in (self._tracks, self._activity):
             known = self.get_subscriptions_info_by_topic(publisher.topic_name)
             listeners = {(info.node_namespace, info.node_name) for info in known}
-            if not back_ends & listeners or publisher.get_subscription_count() < len(known):
+            if not back_ends & listeners or publisher.get_subscription_count() < max(least, len(known)):
                 return False
         return True
 

@@ -133,6 +133,7 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
             "events.depth": 100_000,
             "queue": 1_000_000,
             "wait_for_back_end": True,
+            "min_listeners": 2,  # the back-end and the collector
             "idle_flush_s": 0.0,
             **chosen.frontend,
         },

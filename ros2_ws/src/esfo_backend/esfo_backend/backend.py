@@ -109,11 +109,11 @@ class Backend:
         if not pieces:
             return OrbitEstimate.failure("no events were received")
         stretch = last_stretch(pieces)
-        if len(stretch) == len(pieces):
-            return self._solve_stretch(tracks, Activity.concatenate(stretch), thorough)
-        tracks = tracks.select(tracks.t >= stretch[0].t0)
+        gap = len(stretch) < len(pieces)
+        if gap:
+            tracks = tracks.select(tracks.t >= stretch[0].t0)
         estimate = self._solve_stretch(tracks, Activity.concatenate(stretch), thorough)
-        return replace(estimate, flags=(*estimate.flags, "only_after_gap"))
+        return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if gap else estimate
 
     def _solve_stretch(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
         self._solved_until = activity.end

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjust import Adjusted
-from esfo_backend.problem import Observations, Rows
+from esfo_backend.problem import Observations
 from esfo_backend.projection import linearize_stack
 
 _PARAMETERS = 5
@@ -34,10 +34,8 @@ def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float) -> RateD
     """
     parts, scores = np.zeros((obs.points, _PARAMETERS, _PARAMETERS)), np.zeros((obs.points, _PARAMETERS))
     Q, rate = solution.motion.Q, solution.motion.rate_hz
-    dt, xy, weight, first, focal = obs.rows
     for j in range(obs.points):
-        part = slice(first[j], first[j + 1])
-        own = Rows(dt[part], xy[part], weight[part], np.array([0, first[j + 1] - first[j]]), focal)
+        own = obs.of_point(j)
         J = linearize_stack(Q, rate, solution.y[j], own, cauchy_px, 1)
         r, point = J[:, 0], J[:, 5:8]
         motion = np.column_stack([J[:, 1:5], J[:, 4] * np.repeat(own.dt, 2) / 2])

@@ -60,11 +60,8 @@ def orbit_factor(point: int, rows: Rows, cauchy_px: float, power: int = 1) -> gt
 def orbit_graph(obs: Observations, cauchy_px: float, power: int = 1) -> gtsam.NonlinearFactorGraph:
     """Return the graph with one orbit factor per point."""
     graph = gtsam.NonlinearFactorGraph()
-    dt, xy, weight, first, focal = obs.rows
     for j in range(obs.points):
-        part = slice(first[j], first[j + 1])
-        own = Rows(dt[part], xy[part], weight[part], np.array([0, len(dt[part])]), focal)
-        graph.push_back(orbit_factor(j, own, cauchy_px, power))
+        graph.push_back(orbit_factor(j, obs.of_point(j), cauchy_px, power))
     return graph
 
 

@@ -52,6 +52,12 @@ class Observations:
         """Number of points."""
         return len(self.rows.first) - 1
 
+    def of_point(self, j: int) -> Rows:
+        """Rows of point j alone."""
+        dt, xy, weight, first, focal = self.rows
+        part = slice(first[j], first[j + 1])
+        return Rows(dt[part], xy[part], weight[part], np.array([0, first[j + 1] - first[j]]), focal)
+
     def point_index(self) -> NDArray[np.int64]:
         """Point of each row, (N,)."""
         return np.repeat(np.arange(self.points), np.diff(self.rows.first))

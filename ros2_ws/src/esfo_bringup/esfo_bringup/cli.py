@@ -9,6 +9,7 @@ import sys
 
 from esfo_bringup import __version__
 from esfo_bringup.commands import convert, evaluate, info, live, run, simulate
+from esfo_bringup.errors import error_line
 from esfo_core.errors import EsfoError
 
 _COMMANDS = (simulate, info, convert, run, live, evaluate)
@@ -27,7 +28,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return int(args.execute(args))
     except EsfoError as error:
-        sys.stderr.write(f"esfo: {' '.join(str(error).split())}\n")
+        sys.stderr.write(error_line(error))
         return 1
     except OSError as error:
         sys.stderr.write(f"esfo: {error.filename}: {error.strerror}\n")

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from esfo_backend.backend import STAGES, Backend
 from esfo_bringup.progress import follow, next_stage, stage_bar
+from esfo_bringup.replay.player import check_size
 from esfo_bringup.settings import RunSettings
 from esfo_core.camera import Camera
-from esfo_core.errors import CameraError, RecordingError
+from esfo_core.errors import RecordingError
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.recordings import ReadingOptions, Recording, open_recording
 from esfo_core.tracks import Tracks
@@ -53,10 +54,7 @@ def open_source(
     if camera is None:
         # A lens of 53 degrees: the rate hardly depends on it, the axis does.
         return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)
-    if (camera.width, camera.height) != (recording.width, recording.height):
-        raise CameraError(
-            f"the camera is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
-        )
+    check_size(camera, recording, "the camera")
     return Source(recording, camera, False)
 
 

@@ -137,15 +137,7 @@ def _spin_fields(spin: Spin | None) -> dict[str, object]:
         orbit = spin.paper_orbit()
     except OrbitError:  # the axis passes through the camera: the motion is known, its circle is a point
         return {**motion, "radius": 0.0, "orbit": None}
-    parameters = {
-        "r": orbit.radius,
-        "f": orbit.rate_hz,
-        "R0": orbit.R0,
-        "n": orbit.normal,
-        "u": orbit.u,
-        "c": orbit.c,
-    }
-    return {**motion, "radius": orbit.radius, "orbit": parameters}
+    return {**motion, "radius": orbit.radius, "orbit": orbit.parameters()}
 
 
 def _plain(value: object) -> object:

@@ -47,6 +47,10 @@ class PaperOrbit:
     u: Vector
     c: Vector
 
+    def parameters(self) -> dict[str, float | Vector | Matrix]:
+        """Return the 14 parameters by the names that they have in `orbit.json` and `truth.json`."""
+        return {"r": self.radius, "f": self.rate_hz, "R0": self.R0, "n": self.normal, "u": self.u, "c": self.c}
+
     def camera_center(self, t: float) -> Vector:
         """Return C(t), (3,), at `t` seconds after the first event (equation 1)."""
         v = np.cross(self.normal, self.u)

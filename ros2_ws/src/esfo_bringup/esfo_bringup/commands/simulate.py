@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from esfo_bringup.commands.arguments import Commands
+from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
 from esfo_core.options import parse_assignments, replace
@@ -22,9 +23,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
         "--speed", default=default.speed, choices=SPEEDS_HZ, help=", ".join(f"{k} {v} Hz" for k, v in SPEEDS_HZ.items())
     )
     parser.add_argument("--revolutions", type=float, default=default.revolutions, help="turns (default %(default)s)")
-    parser.add_argument(
-        "-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help="any other option of the scene"
-    )
+    add_assignments(parser, "any other option of the scene")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="FILE.mcap")
     parser.set_defaults(execute=execute)
 

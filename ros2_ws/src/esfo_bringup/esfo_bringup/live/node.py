@@ -22,7 +22,7 @@ from tqdm import tqdm
 from esfo_backend import messages
 from esfo_bringup.commands.arguments import report, settings_of, source_of
 from esfo_bringup.commands.live import add_live_arguments
-from esfo_bringup.errors import CommandError
+from esfo_bringup.errors import CommandError, error_line
 from esfo_bringup.live.processes import NodeProcess, NodeProcesses
 from esfo_bringup.offline import RunResult, Source, with_source
 from esfo_bringup.results import write_results
@@ -197,7 +197,7 @@ def main() -> int:
         write_results(result, source, args.output)
         return report(result, args.output)
     except EsfoError as error:
-        sys.stderr.write(f"esfo: {' '.join(str(error).split())}\n")
+        sys.stderr.write(error_line(error))
         return 1
     except KeyboardInterrupt:
         return 130  # the command that started this one says so

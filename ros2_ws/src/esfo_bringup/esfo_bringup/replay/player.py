@@ -46,11 +46,16 @@ def choose_camera(recording: Recording, override: str) -> Camera | None:
     if not override:
         return recording.camera
     camera = Camera.read_yaml(Path(override))
+    check_size(camera, recording, override)
+    return camera
+
+
+def check_size(camera: Camera, recording: Recording, name: str) -> None:
+    """Raise CameraError, which calls the camera `name`, unless it is of the size of the recording's sensor."""
     if (camera.width, camera.height) != (recording.width, recording.height):
         raise CameraError(
-            f"{override} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
+            f"{name} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
         )
-    return camera
 
 
 def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from esfo_core.orbit import Spin
 
 
@@ -36,14 +38,7 @@ class Truth:
             "t0_ns": self.spin.t0,
             "scale": "metric",
             "radius": orbit.radius,
-            "orbit": {
-                "r": orbit.radius,
-                "f": orbit.rate_hz,
-                "R0": orbit.R0.tolist(),
-                "n": orbit.normal.tolist(),
-                "u": orbit.u.tolist(),
-                "c": orbit.c.tolist(),
-            },
+            "orbit": {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in orbit.parameters().items()},
         }
 
     def write_json(self, path: Path) -> None:

@@ -15,6 +15,7 @@ import rclpy
 from esfo_msgs.msg import EventActivity, FeatureTracks, OrbitEstimate
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from tqdm import tqdm
@@ -34,6 +35,8 @@ from esfo_core.tracks import Tracks
 _START_S = 120.0
 _SETTLE_S = 60.0
 _SOLVE_S = 600.0
+_ANSWER_S = 60.0
+"""Time after which a service is asked again: a node that discovers us too late cannot send its answer."""
 _EVERYTHING = QoSProfile(depth=100_000)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -89,13 +92,20 @@ class CollectorNode(Node):  # type: ignore[misc]
     def ask(self, service: str, processes: NodeProcesses, timeout_s: float) -> dict[str, str]:
         """Call a Trigger service; return the `name=value` words of its answer."""
         client = self.create_client(Trigger, service)
+        calls: list[tuple[float, Future]] = []
+
+        def answered() -> bool:
+            if not calls or time.monotonic() > calls[-1][0] + _ANSWER_S:
+                calls.append((time.monotonic(), client.call_async(Trigger.Request())))
+            return any(call.done() for _, call in calls)
+
         try:
             self.spin_until(client.service_is_ready, processes, _START_S, f"finding {service}")
-            future = client.call_async(Trigger.Request())
-            self.spin_until(future.done, processes, timeout_s, service)
+            self.spin_until(answered, processes, timeout_s, service)
         finally:
             self.destroy_client(client)
-        return dict(word.split("=", 1) for word in future.result().message.split() if "=" in word)
+        message = next(call.result().message for _, call in calls if call.done())
+        return dict(word.split("=", 1) for word in message.split() if "=" in word)
 
 
 def run_live(source: Source, args: argparse.Namespace, folder: Path) -> RunResult:

@@ -8,7 +8,7 @@ import pytest
 from esfo_core.camera import Camera
 from esfo_core.orbit import rotation
 from esfo_core.simulation.renderer import Light, Renderer, Window
-from esfo_core.simulation.satellite import hubble
+from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.surface import Model
 
 LIGHT = Light()

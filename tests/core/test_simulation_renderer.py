@@ -5,7 +5,7 @@ import pytest
 
 from esfo_core.camera import Camera
 from esfo_core.simulation.renderer import Light, Renderer, Window, quantize, rasterize, reduce_columns, reduce_rows
-from esfo_core.simulation.satellite import hubble
+from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.surface import Model
 
 AXIS, CENTER = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])

@@ -19,7 +19,7 @@ from esfo_core.orbit import NANOSECONDS, Spin, Vector, object_frame, rotation
 from esfo_core.recordings import write_mcap
 from esfo_core.simulation.contrast import Sensor, SensorOptions
 from esfo_core.simulation.renderer import BLUR_REACH, Light, Renderer, Window
-from esfo_core.simulation.satellite import hubble
+from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.surface import Model
 from esfo_core.simulation.truth import Truth
 

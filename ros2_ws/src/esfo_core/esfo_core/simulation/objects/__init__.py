@@ -1,0 +1,1 @@
+"""Objects of the laboratory: parametric models, and meshes of files."""

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from esfo_core.simulation.contrast import Sensor, SensorOptions, count_crossings, emit_crossings
+from esfo_core.simulation.renderer import Levels
 
 SIZE = (12, 9)
+LEVELS = Levels(-60.0, 0.002)
 
 
 def slow_crossings(frames, span, threshold, refractory, reference, last):
@@ -47,9 +49,15 @@ def test_kernel_equals_its_twin(refractory):
     assert total > 1000
 
 
+def frame(log_radiance):
+    return np.round((log_radiance - LEVELS.low) / LEVELS.step).astype(np.uint16)
+
+
 def sensor_for(first, seed=0, **options):
     defaults = {"threshold": 0.25, "mismatch": 0.0, "refractory_us": 0.0, "noise_hz": 0.0}
-    return Sensor(first, SIZE, (0, 0), SensorOptions(**{**defaults, **options}), np.random.default_rng(seed))
+    return Sensor(
+        frame(first), LEVELS, SIZE, (0, 0), SensorOptions(**{**defaults, **options}), np.random.default_rng(seed)
+    )
 
 
 def test_a_ramp_gives_back_the_threshold_of_each_pixel():
@@ -58,7 +66,7 @@ def test_a_ramp_gives_back_the_threshold_of_each_pixel():
     sensor = sensor_for(np.zeros(shape), mismatch=0.05)
     steps = 200
     parts = [
-        sensor.step(np.full(shape, rise * (k + 1) / steps), (k * 1e9 / steps, (k + 1) * 1e9 / steps))
+        sensor.step(frame(np.full(shape, rise * (k + 1) / steps)), (k * 1e9 / steps, (k + 1) * 1e9 / steps))
         for k in range(steps)
     ]
     events = np.concatenate(parts)
@@ -81,7 +89,7 @@ def test_light_that_returns_balances_the_polarities():
     balance = np.zeros(shape, int)
     count = 0
     for k in range(300):
-        step = sensor.step(amplitude * np.sin(2 * np.pi * (k + 1) / 100), (k * 1e6, (k + 1) * 1e6))
+        step = sensor.step(frame(amplitude * np.sin(2 * np.pi * (k + 1) / 100)), (k * 1e6, (k + 1) * 1e6))
         np.add.at(balance, (step["y"], step["x"]), 2 * step["p"].astype(int) - 1)
         count += len(step)
     assert count > 3000
@@ -92,7 +100,7 @@ def test_light_that_returns_balances_the_polarities():
 def test_noise_has_the_rate_and_spreads_over_the_sensor():
     first = np.zeros(SIZE[::-1])
     sensor = sensor_for(first, noise_hz=5.0)
-    events = np.concatenate([sensor.step(first, (k * 1e8, (k + 1) * 1e8)) for k in range(100)])
+    events = np.concatenate([sensor.step(frame(first), (k * 1e8, (k + 1) * 1e8)) for k in range(100)])
     expected = 5.0 * SIZE[0] * SIZE[1] * 10
     assert len(events) == pytest.approx(expected, abs=4 * np.sqrt(expected))
     assert events["p"].mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(expected))
@@ -103,7 +111,7 @@ def test_noise_has_the_rate_and_spreads_over_the_sensor():
 def test_dead_time_separates_the_events_of_a_pixel():
     shape = SIZE[::-1]
     sensor = sensor_for(np.zeros(shape), refractory_us=500.0)
-    events = sensor.step(np.full(shape, 50.0), (0.0, 1e7))
+    events = sensor.step(frame(np.full(shape, 50.0)), (0.0, 1e7))
     for x, y in np.ndindex(*SIZE):
         t = events["t"][(events["x"] == x) & (events["y"] == y)]
         assert len(t) > 5
@@ -113,9 +121,14 @@ def test_dead_time_separates_the_events_of_a_pixel():
 
 def test_window_is_placed_on_the_sensor():
     sensor = Sensor(
-        np.zeros((2, 3)), (20, 10), (7, 5), SensorOptions(noise_hz=0.0, mismatch=0.0), np.random.default_rng(0)
+        frame(np.zeros((2, 3))),
+        LEVELS,
+        (20, 10),
+        (7, 5),
+        SensorOptions(noise_hz=0.0, mismatch=0.0),
+        np.random.default_rng(0),
     )
-    events = sensor.step(np.full((2, 3), 1.0), (0.0, 1e6))
+    events = sensor.step(frame(np.full((2, 3), 1.0)), (0.0, 1e6))
     assert set(events["x"]) == {7, 8, 9}
     assert set(events["y"]) == {5, 6}
     assert (np.diff(events["t"]) >= 0).all()

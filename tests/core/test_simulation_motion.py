@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from esfo_core.orbit import NANOSECONDS, Spin
+from esfo_core.orbit import NANOSECONDS, Spin, rotation
 from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.renderer import Light, Renderer
 from esfo_core.simulation.scene import SceneOptions, simulate
@@ -29,7 +29,7 @@ def scene_and_events(request):
 def off_edges(scene, events, spin, t):
     """Distances (N,) in px of events to the edges of a sharp picture of the model at time t (ns)."""
     renderer = Renderer(scene.model, scene.camera, scene.window, Light(), blur_px=0.3)
-    image = renderer.render(spin.axis, float(spin.angle(np.asarray(t))), spin.center) * renderer.step
+    image = renderer.render(rotation(spin.axis, float(spin.angle(np.asarray(t)))), spin.center) * renderer.levels.step
     down, right = (np.abs(np.diff(image, axis=a)) > 0.1 for a in (0, 1))
     edge = np.zeros(image.shape, bool)
     edge[:-1] |= down

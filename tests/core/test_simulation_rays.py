@@ -18,7 +18,7 @@ TOWARDS_CAMERA = np.array([0.0, 0.0, -1.0])
 
 def render(model, camera, window, blur, axis=TOWARDS_CAMERA, angle=0.0, center=(0.0, 0.0, 1.0)):
     renderer = Renderer(model, camera, window, LIGHT, blur)
-    return np.exp(renderer.render(axis, angle, np.array(center)) * renderer.step + renderer.low)
+    return np.exp(renderer.levels.log_radiance(renderer.render(rotation(axis, angle), np.array(center))))
 
 
 def square(shift_px):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from esfo_core.camera import Camera
+from esfo_core.orbit import rotation
 from esfo_core.simulation.renderer import Light, Renderer, Window, quantize, rasterize, reduce_columns, reduce_rows
 from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.surface import Model
@@ -66,10 +67,10 @@ def square(depth_m, half_m, albedo):
 def test_a_square_has_its_place_size_and_radiance():
     camera, light = Camera.pinhole(41, 41, 100.0), Light(direction=(0.0, 0.0, -1.0))
     renderer = Renderer(square(0.0, 0.1, 0.8), camera, Window(4, 4, 33, 33), light, 0.65)
-    image = np.exp(renderer.render(AXIS, 0.0, CENTER) * renderer.step + renderer.low)
+    image = np.exp(renderer.levels.log_radiance(renderer.render(np.eye(3), CENTER)))
     lit = 0.8 * (light.ambient + light.diffuse)
-    assert image[16, 16] == pytest.approx(lit, rel=renderer.step)
-    assert image[0, 0] == pytest.approx(light.background, rel=renderer.step)
+    assert image[16, 16] == pytest.approx(lit, rel=renderer.levels.step)
+    assert image[0, 0] == pytest.approx(light.background, rel=renderer.levels.step)
     # The square ends half-way between fine samples and blur keeps the light: 20 x 20 px, centred on pixel (20, 20).
     share = (image - light.background) / (lit - light.background)
     assert share.sum() == pytest.approx(400, rel=1e-3)
@@ -86,11 +87,11 @@ def test_what_is_nearer_hides_and_backs_are_not_seen():
         np.vstack([far.vertices, near.vertices]), np.vstack([far.faces, near.faces + 4]), np.repeat([0.2, 0.9], 2)
     )
     renderer = Renderer(both, camera, Window(4, 4, 33, 33), Light(direction=(0.0, 0.0, -1.0)), 0.65)
-    image = np.exp(renderer.render(AXIS, 0.0, CENTER) * renderer.step + renderer.low)
+    image = np.exp(renderer.levels.log_radiance(renderer.render(np.eye(3), CENTER)))
     assert image[16, 16] == pytest.approx(0.9, rel=1e-3)
     # 7 px from the centre: 1.4 px (2.2 sigma) outside the near square, so 1.5 % of its 0.7 excess leaks in, 0.01.
     assert image[16, 9] == pytest.approx(0.2, abs=0.012)
-    turned = np.exp(renderer.render(AXIS, np.pi, CENTER) * renderer.step + renderer.low)
+    turned = np.exp(renderer.levels.log_radiance(renderer.render(rotation(AXIS, np.pi), CENTER)))
     np.testing.assert_allclose(turned, 0.22, rtol=1e-3)
 
 

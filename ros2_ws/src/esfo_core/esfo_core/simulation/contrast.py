@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from esfo_core.events import EventArray, make_events
 from esfo_core.options import option
+from esfo_core.simulation.renderer import Levels
 
 Image = NDArray[np.float64]
 
@@ -80,27 +81,30 @@ def emit_crossings(
 
 
 class Sensor:
-    """Turns log intensity frames of a window of the sensor into events of the whole sensor."""
+    """Turns frames of a window of the sensor into events of the whole sensor."""
 
     def __init__(
         self,
-        first: Image,
+        first: NDArray[np.uint16],
+        levels: Levels,
         size: tuple[int, int],
         origin: tuple[int, int],
         options: SensorOptions,
         rng: np.random.Generator,
     ) -> None:
         """Begin with the frame `first` (H, W), whose upper left pixel is `origin` (x, y) of a sensor `size` (w, h)."""
-        self._size, self._origin, self._options, self._rng = size, origin, options, rng
+        self._levels, self._size, self._origin, self._options, self._rng = levels, size, origin, options, rng
+        before = levels.log_radiance(first)
         scatter = 1 + options.mismatch * rng.standard_normal(first.shape)
         self._threshold = options.threshold * np.maximum(scatter, 0.1)
         # Each pixel has moved by some part of a threshold since its last event before the recording.
-        reference = first + self._threshold * rng.uniform(-1, 1, first.shape)
+        reference = before + self._threshold * rng.uniform(-1, 1, first.shape)
         self._state = (reference, np.full(first.shape, -np.inf))
-        self._before = first
+        self._before = before
 
-    def step(self, after: Image, span: tuple[float, float]) -> EventArray:
-        """Return the events, sorted by time, while the log intensity goes linearly to `after` (H, W) over span, ns."""
+    def step(self, frame: NDArray[np.uint16], span: tuple[float, float]) -> EventArray:
+        """Return the events, sorted by time, while the log intensity goes linearly to `frame` (H, W) over span, ns."""
+        after = self._levels.log_radiance(frame)
         capacity = count_crossings(after, self._state[0], self._threshold)
         out = np.empty((capacity, 4), np.int64)
         refractory = self._options.refractory_us * _MICROSECOND

@@ -1,4 +1,4 @@
-"""Rendering: one turn of a model as quantised log-intensity images.
+"""Rendering: a model in any pose as a quantised log-intensity image.
 
 A depth-buffered rasteriser on a grid twice as fine as the sensor, then an optical blur. Each sub-step is a small
 compiled loop without the interpreter lock, so that frames can be rendered in threads.
@@ -13,11 +13,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
-from esfo_core.orbit import rotation
 from esfo_core.simulation.surface import Model
 
 OVERSAMPLING = 2
-_LEVELS = 65535
+_HIGHEST = 65535
 # Reach of the blur on each side in sensor pixels: beyond it a Gaussian of 0.65 px weighs less than 1e-5.
 BLUR_REACH = 3
 
@@ -30,6 +29,18 @@ class Light:
     ambient: float = 0.5
     diffuse: float = 0.5
     background: float = 0.22
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What the numbers of a frame mean: level k is a log radiance of low + k step."""
+
+    low: float
+    step: float
+
+    def log_radiance(self, frame: NDArray[np.uint16]) -> NDArray[np.float64]:
+        """Return the log radiance of a frame (H, W)."""
+        return np.asarray(frame * self.step + self.low)
 
 
 @dataclass(frozen=True)
@@ -105,11 +116,10 @@ def quantize(radiance, low, step, out):  # type: ignore[no-untyped-def]
 
 
 class Renderer:
-    """Renders the model at any angle of its turn.
+    """Renders the model in any pose.
 
-    model: camera-aligned, origin at `center` on the axis, as at angle 0. window: what to render; the model must stay
-    inside it. blur_px: standard deviation of the optical blur. The images are uint16 multiples of `step` above the log
-    radiance `low`: finer than 1e-4, far below any contrast threshold.
+    window: what to render; the model must stay inside it. blur_px: standard deviation of the optical blur. The steps of
+    `levels` are finer than 1e-4, far below any contrast threshold.
     """
 
     def __init__(self, model: Model, camera: Camera, window: Window, light: Light, blur_px: float) -> None:
@@ -117,16 +127,18 @@ class Renderer:
         self._normals = model.normals()
         brightest = max(float(model.albedo.max()) * (light.ambient + light.diffuse), light.background)
         darkest = min(float(model.albedo.min()) * light.ambient, light.background)
-        self.low = float(np.log(darkest)) - 1e-3
-        self.step = (float(np.log(brightest)) + 1e-3 - self.low) / _LEVELS
+        low = float(np.log(darkest)) - 1e-3
+        self.levels = Levels(low, (float(np.log(brightest)) + 1e-3 - low) / _HIGHEST)
         offset = np.arange(-OVERSAMPLING * BLUR_REACH, OVERSAMPLING * (BLUR_REACH + 1)) + 0.5 - OVERSAMPLING / 2
         weights = np.exp(-0.5 * (offset / (OVERSAMPLING * blur_px)) ** 2)
         self._taps = weights / weights.sum()
 
-    def render(self, axis: NDArray[np.float64], angle: float, center: NDArray[np.float64]) -> NDArray[np.uint16]:
-        """Return the quantised log radiance (height, width) of the window with the model turned by `angle` radians."""
-        R = rotation(axis, angle)
-        X = self._model.vertices @ R.T + center
+    def render(self, R: NDArray[np.float64], T: NDArray[np.float64]) -> NDArray[np.uint16]:
+        """Return the quantised log radiance (height, width) of the window, with the model's points X at R X + T.
+
+        R: (3, 3), T: (3,) metres, from the model's coordinates to the camera's optical frame.
+        """
+        X = self._model.vertices @ R.T + T
         facing = np.maximum(self._normals @ (R.T @ np.array(self._light.direction)), 0.0)
         shade = self._model.albedo * (self._light.ambient + self._light.diffuse * facing)
         # Fine sample k lies at sensor position first + (k - fine_margin + 0.5) / 2 - 0.5.
@@ -141,5 +153,5 @@ class Renderer:
         radiance = np.empty((self._window.height, self._window.width), np.float32)
         reduce_columns(rows, self._taps.astype(np.float32), radiance)
         out = np.empty(radiance.shape, np.uint16)
-        quantize(radiance, self.low, self.step, out)
+        quantize(radiance, self.levels.low, self.levels.step, out)
         return out

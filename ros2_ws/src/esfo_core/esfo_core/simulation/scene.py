@@ -89,25 +89,24 @@ class Simulation:
             for share in self._render(renderer, turn):
                 report(0.5 * share)
 
-            def frame(k: int) -> NDArray[np.float64]:
-                return np.asarray(turn[k % self.frames] * renderer.step + renderer.low)
-
             rng = np.random.default_rng([self.options.seed, 1])
             size, origin = (self.camera.width, self.camera.height), (self.window.x, self.window.y)
-            sensor = Sensor(frame(0), size, origin, self.options.sensor, rng)
+            sensor = Sensor(turn[0], renderer.levels, size, origin, self.options.sensor, rng)
             step_ns = NANOSECONDS / (self.spin.rate_hz * self.frames)
             # Every border is computed once: a step may not end a rounding error after the next one begins.
             borders = self.spin.t0 + step_ns * np.arange(steps + 1)
             for k in range(steps):
-                events = sensor.step(frame(k + 1), (float(borders[k]), float(borders[k + 1])))
+                events = sensor.step(turn[(k + 1) % self.frames], (float(borders[k]), float(borders[k + 1])))
                 report(0.5 + 0.5 * (k + 1) / steps)
                 if len(events):
                     yield events
 
     def _render(self, renderer: Renderer, turn: NDArray[np.uint16]) -> Iterator[float]:
-        angles = 2 * np.pi * np.arange(len(turn)) / self.frames
+        def render(k: int) -> NDArray[np.uint16]:
+            return renderer.render(rotation(self.spin.axis, 2 * np.pi * k / self.frames), self.spin.center)
+
         with ThreadPoolExecutor(_THREADS) as pool:
-            images = pool.map(lambda angle: renderer.render(self.spin.axis, float(angle), self.spin.center), angles)
+            images = pool.map(render, range(len(turn)))
             for k, image in enumerate(images):
                 turn[k] = image
                 yield (k + 1) / len(turn)

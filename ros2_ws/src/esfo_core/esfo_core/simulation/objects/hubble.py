@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from esfo_core.orbit import rotation
+from esfo_core.simulation.objects.mounting import Mounting
 from esfo_core.simulation.surface import Model, Mosaic, Points, Surface
 
 _X, _Y, _Z = np.eye(3)
+_MOUNTING = Mounting(offset_m=(0.003, -0.002, 0.003), tilt_deg=(1.2, -1.6))
 _TUBE_SIDES = 10
 _FOIL = Mosaic(cells=(1, 5), base=0.5, palette=(0.12, 0.18, 0.9, 0.95))
 _SHROUD = Mosaic(cells=(1, 4), base=0.42, palette=(0.1, 0.15, 0.85, 0.95))
@@ -19,10 +21,11 @@ _PLAIN = Mosaic(cells=(1, 1), base=0.35, palette=(0.35,), cover=0.0)
 
 
 def hubble(seed: int) -> Model:
-    """Return the telescope in its body frame: z along the tube towards the aperture, x along the panel booms.
+    """Return the telescope with its tube along z, aperture up, and the booms of the panels along x.
 
-    The tube with its two diameters, an open aperture door, two unequally tilted solar panels, a dish on one side and
-    a box on the other: no rotation about z maps it to itself. `seed` draws the surface pattern.
+    It stands 4 mm beside the spin axis, 3 mm high and tilted by 2 degrees. The tube with its two diameters, an open
+    aperture door, two unequally tilted solar panels, a dish on one side and a box on the other: no rotation about z maps
+    it to itself. `seed` draws the surface pattern. Metres.
     """
     surface = Surface(np.random.default_rng(seed))
     _tube(surface)
@@ -30,7 +33,7 @@ def hubble(seed: int) -> Model:
     _solar_panel(surface, side=-1.0, tilt=np.radians(-13))
     _antenna(surface)
     _equipment(surface)
-    return surface.build()
+    return _MOUNTING.place(surface.build())
 
 
 def _tube(surface: Surface) -> None:

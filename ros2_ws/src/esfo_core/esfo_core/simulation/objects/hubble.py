@@ -24,8 +24,8 @@ def hubble(seed: int) -> Model:
     """Return the telescope with its tube along z, aperture up, and the booms of the panels along x.
 
     It stands 4 mm beside the spin axis, 3 mm high and tilted by 2 degrees. The tube with its two diameters, an open
-    aperture door, two unequally tilted solar panels, a dish on one side and a box on the other: no rotation about z maps
-    it to itself. `seed` draws the surface pattern. Metres.
+    aperture door, two unequally tilted solar panels, a dish on one side and a box on the other: no rotation about z
+    maps it to itself. `seed` draws the surface pattern. Metres.
     """
     surface = Surface(np.random.default_rng(seed))
     _tube(surface)

@@ -12,6 +12,8 @@ import esfo_frontend.live
 import esfo_frontend.options
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
+from esfo_core.simulation.handheld import HandheldOptions
+from esfo_core.simulation.scene import SceneOptions
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs/interfaces.md"
@@ -42,6 +44,8 @@ def tables():
         "backend": parameter_table(backend["default"], backend["paper"]),
         "backend node": parameter_table(esfo_backend.live.LiveOptions(), None),
         "replay": parameter_table(ReplayOptions(), None),
+        "simulate": parameter_table(SceneOptions(), None),
+        "simulate --handheld": parameter_table(HandheldOptions(), None),
     }
 
 

@@ -8,11 +8,14 @@ import pytest
 import trimesh
 
 from esfo_core.errors import OptionError, SimulationError
-from esfo_core.orbit import NANOSECONDS, rotation
+from esfo_core.orbit import NANOSECONDS
 from esfo_core.recordings import open_recording
 from esfo_core.simulation.contrast import SensorOptions
-from esfo_core.simulation.scene import VIEWS, SceneOptions, simulate, view_axis, write_scene
+from esfo_core.simulation.scene import VIEWS, MotionOptions, SceneOptions, simulate, view_axis
+from esfo_core.simulation.scene_files import is_written, topspin, write_scene
+from esfo_core.tracks import Tracks
 
+FILES = ("scene.mcap", "scene.truth.json", "scene.ply", "scene.points.ply", "scene.tracks.csv")
 SMALL = SceneOptions(width=160, height=120, rate_hz=2.0, revolutions=1.2)
 
 
@@ -38,7 +41,7 @@ def test_events_follow_each_other_and_truth_starts_with_the_first(recorded):
 def test_same_options_same_bytes(recorded, tmp_path):
     path, _, _ = recorded
     write_scene(SMALL, tmp_path / "scene.mcap")
-    for name in ("scene.mcap", "scene.truth.json", "scene.ply"):
+    for name in FILES:
         assert (tmp_path / name).read_bytes() == (path.parent / name).read_bytes(), name
 
 
@@ -46,7 +49,7 @@ def test_truth_file_and_mesh_say_the_same_as_the_truth(recorded):
     path, truth, _ = recorded
     content = json.loads(path.with_suffix(".truth.json").read_text())
     assert content["spin_rate_hz"] == 2.0
-    np.testing.assert_array_equal(content["axis"], view_axis("diagonal"))
+    np.testing.assert_array_equal(content["axis"], view_axis(*VIEWS["diagonal"]))
     assert content["t0_ns"] == truth.spin.t0
     assert content["radius"] == content["orbit"]["r"] == pytest.approx(truth.spin.paper_orbit().radius)
     mesh = trimesh.load(path.with_suffix(".ply"), process=False)
@@ -68,23 +71,34 @@ def test_a_vertex_of_the_mesh_is_where_the_paper_sees_it(recorded):
 @pytest.mark.parametrize("view", VIEWS)
 def test_vertices_stay_in_the_window_and_move_half_a_pixel_a_frame(view):
     scene = simulate(replace(SMALL, view=view))
-    w = scene.window
-    angles = 2 * np.pi * np.arange(scene.frames + 1) / scene.frames
+    simulation = scene.simulation
+    w, vertices = simulation.window, simulation.model.vertices
     before = None
-    for angle in angles:
-        uv = scene.camera.project(scene.model.vertices @ rotation(scene.spin.axis, angle).T + scene.spin.center)
+    for t in simulation.times[: simulation.turn + 1]:
+        R, T = scene.motion.pose(t)
+        uv = scene.camera.project(vertices @ R.T + T)
         assert (uv >= [w.x, w.y]).all()
         assert (uv <= [w.x + w.width - 1, w.y + w.height - 1]).all()
         if before is not None:
             assert np.linalg.norm(uv - before, axis=1).max() <= 0.5 * 1.001
         before = uv
-    assert 0.5 < w.height / scene.camera.height < 1.0
+    assert 0.5 < w.height / simulation.camera.height < 1.0
+
+
+def test_the_frames_of_a_turn_come_again():
+    scene = simulate(replace(SMALL, revolutions=2.3, motion=MotionOptions(rate_slope_hz_s=-0.3)))
+    simulation = scene.simulation
+    turn = simulation.turn
+    assert 2 * turn < len(simulation.times) <= 3 * turn
+    for k in (0, 1, turn // 2, len(simulation.times) - 1 - turn):
+        for pose, again in zip(*(scene.motion.pose(simulation.times[i]) for i in (k, k + turn)), strict=True):
+            np.testing.assert_allclose(pose, again, atol=1e-9)
 
 
 def test_without_noise_events_lie_where_the_mesh_is_and_only_noise_elsewhere():
-    noisy = simulate(replace(SMALL, revolutions=0.3, sensor=SensorOptions(noise_hz=20.0)))
-    quiet = simulate(replace(SMALL, revolutions=0.3, sensor=SensorOptions(noise_hz=0.0)))
-    w = quiet.window
+    noisy = simulate(replace(SMALL, revolutions=0.3, sensor=SensorOptions(leak_hz=10.0, shot_hz=0.0, noise_spread=0.0)))
+    quiet = simulate(replace(SMALL, revolutions=0.3, sensor=SensorOptions(leak_hz=0.0, shot_hz=0.0)))
+    w = quiet.simulation.window
 
     def outside(events):
         x, y = events["x"].astype(int), events["y"].astype(int)
@@ -92,17 +106,17 @@ def test_without_noise_events_lie_where_the_mesh_is_and_only_noise_elsewhere():
 
     assert not outside(np.concatenate(list(quiet.chunks()))).any()
     stray = outside(np.concatenate(list(noisy.chunks()))).sum()
-    expected = 20.0 * (160 * 120 - w.width * w.height) * 0.3 / 2.0
+    expected = 10.0 * (160 * 120 - w.width * w.height) * 0.3 / 2.0
     assert stray == pytest.approx(expected, abs=4 * np.sqrt(expected))
 
 
 def test_every_event_is_near_the_silhouette_of_its_moment():
-    scene = simulate(replace(SMALL, revolutions=0.1, sensor=SensorOptions(noise_hz=0.0)))
+    scene = simulate(replace(SMALL, revolutions=0.1, sensor=SensorOptions(leak_hz=0.0, shot_hz=0.0)))
     events = np.concatenate(list(scene.chunks()))
     for event in events[:: len(events) // 40]:
-        R = rotation(scene.spin.axis, float(scene.spin.angle(np.asarray(event["t"]))))
-        X = scene.model.vertices @ R.T + scene.spin.center
-        triangles = scene.camera.project(X)[scene.model.faces]
+        R, T = scene.motion.pose(float(event["t"]))
+        model = scene.simulation.model
+        triangles = scene.camera.project(model.vertices @ R.T + T)[model.faces]
         assert distance_to_triangles(np.array([event["x"], event["y"]], float), triangles) < 3.5
 
 
@@ -122,14 +136,54 @@ def distance_to_triangles(point, triangles):
     [
         ({"distance_m": 0.1}, SimulationError, "z = "),
         ({"distance_m": 0.4}, SimulationError, "leaves the view"),
-        ({"focal_px": 400.0}, SimulationError, "leaves the view"),
+        ({"focal_px": 400.0, "distance_m": 0.8}, SimulationError, "leaves the view"),
         ({"rate_hz": -1.0}, OptionError, "-1.0"),
         ({"rate_hz": float("nan")}, OptionError, "nan"),
         ({"view": "askew"}, OptionError, "askew"),
         ({"object": "teapot"}, OptionError, "teapot"),
-        ({"sensor": SensorOptions(threshold=0.0)}, OptionError, "0.0"),
+        ({"speed": "still", "rate_hz": 0.0}, SimulationError, "needs duration_s"),
+        ({"revolutions": 5.0, "motion": MotionOptions(rate_slope_hz_s=-0.5)}, SimulationError, "after 4.000 turns"),
+        ({"motion": MotionOptions(velocity_x_m_s=1.0)}, SimulationError, "leaves the view"),
+        ({"mesh": "none.ply"}, SimulationError, "none.ply"),
     ],
 )
 def test_impossible_scenes_are_refused_with_the_value(change, error, value):
     with pytest.raises(error, match=value):
         simulate(replace(SMALL, **change))
+
+
+def test_more_events_than_asked_for_are_refused(tmp_path):
+    with pytest.raises(SimulationError, match="more than 1000 events after 0.0"):
+        write_scene(replace(SMALL, max_events=1000), tmp_path / "scene.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_true_tracks_are_where_the_truth_has_the_points(recorded):
+    path, truth, _ = recorded
+    tracks = Tracks.read_csv(path.with_suffix(".tracks.csv"))
+    points = trimesh.load(path.with_suffix(".points.ply")).vertices
+    camera = open_recording(path).camera
+    assert len(points) == 300
+    assert tracks.track_id.max() < 300
+    for t in np.unique(tracks.t)[::7]:
+        rows = tracks.t == t
+        uv = camera.project(truth.spin.transform(points[tracks.track_id[rows]], int(t)))
+        # float32 in both files
+        np.testing.assert_allclose(tracks.uv[rows], uv, atol=1e-3)
+
+
+def test_a_scene_is_written_once(recorded):
+    path, _, _ = recorded
+    assert is_written(SMALL, path)
+    assert not is_written(replace(SMALL, seed=2), path)
+    assert not is_written(SMALL, path.with_name("other.mcap"))
+
+
+def test_the_scenes_of_the_paper():
+    scenes = topspin(SMALL)
+    assert len(scenes) == 72
+    assert {"soho-sideon-fast", "hubble-diagonal-med", "switch-perpendicular-slow", "dualshock-topdown-med"} < set(
+        scenes
+    )
+    assert {"hubble-topdown-fast", "tdrs-sideon-med", "camera-diagonal-fast"} < set(scenes)
+    assert scenes["camera-diagonal-fast"] == replace(SMALL, object="camera", view="diagonal", speed="fast")

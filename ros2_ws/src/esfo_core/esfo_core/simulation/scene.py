@@ -1,27 +1,25 @@
-"""A spinning satellite before a static event camera, simulated with exact truth."""
+"""A spinning object before a static event camera, simulated with exact truth: scenes in the manner of TOPSPIN."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
 from esfo_core.options import check, option
-from esfo_core.orbit import NANOSECONDS, Spin, Vector, object_frame, rotation
-from esfo_core.recordings import write_mcap
-from esfo_core.simulation.contrast import Sensor, SensorOptions
-from esfo_core.simulation.renderer import BLUR_REACH, Light, Renderer, Window
-from esfo_core.simulation.objects.hubble import hubble
+from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector, object_frame, rotation
+from esfo_core.simulation.contrast import SensorOptions
+from esfo_core.simulation.motion import BodyMotion
+from esfo_core.simulation.objects.catalogue import OBJECTS
+from esfo_core.simulation.objects.mesh import read_mesh
+from esfo_core.simulation.renderer import BLUR_REACH, Window
+from esfo_core.simulation.simulator import Progress, Simulation, frame_times
 from esfo_core.simulation.surface import Model
-from esfo_core.simulation.truth import Truth
 
 VIEWS = {"topdown": (65.0, 10.0), "sideon": (6.0, 4.0), "perpendicular": (12.0, 83.0), "diagonal": (42.0, 25.0)}
 """Perspectives named as in the paper (Table 1): (elevation, roll) of the axis in degrees.
@@ -31,155 +29,191 @@ are ours, the paper does not print its own; none is a round one, so that no scen
 """
 
 SPEEDS_HZ = {"slow": 0.2, "medium": 0.5, "fast": 1.0}
-OBJECTS: dict[str, Callable[[int], Model]] = {"hubble": hubble}
 
 START_NS = 1_000_000_000
 """Sensor time of the first frame: not 0, which ROS takes for no time."""
 
-_LARGEST_STEP_PX = 0.5
-_THREADS = 2
-_BLUR_PX = 0.65
+FOCAL_PER_HEIGHT = 5 / 3
+"""Default focal length over the height of the image: a field of view of 33 degrees from top to bottom."""
 
-Progress = Callable[[float], None]
+FILL = 0.85
+"""Share of the smaller side of the image that the sphere round the moving object covers at the default distance."""
+
+_POSES_PER_TURN = 720
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """Departures from a constant rate about a fixed axis."""
+
+    rate_slope_hz_s: float = option(0.0, "change of the spin rate, Hz per second", -100.0, 100.0)
+    nutation_deg: float = option(0.0, "angle between the body's own axis and the fixed one, degrees", 0.0, 80.0)
+    inertia_ratio: float = option(0.7, "nutating body: moment of inertia about its own axis over across it", 0.05, 2.0)
+    velocity_x_m_s: float = option(0.0, "velocity of the object to the right, m/s", -1e3, 1e3)
+    velocity_y_m_s: float = option(0.0, "velocity of the object downwards, m/s", -1e3, 1e3)
+    velocity_z_m_s: float = option(0.0, "velocity of the object away from the camera, m/s", -1e3, 1e3)
 
 
 @dataclass(frozen=True)
 class SceneOptions:
     """What is simulated."""
 
-    object: str = option("hubble", "the satellite", choices=tuple(OBJECTS))
-    view: str = option("diagonal", "perspective, as named in the paper", choices=tuple(VIEWS))
-    speed: str = option("medium", "spin rate by name: 0.2, 0.5 or 1 Hz", choices=tuple(SPEEDS_HZ))
+    object: str = option("hubble", "what spins", choices=tuple(OBJECTS))
+    mesh: str = option("", "mesh file (.ply, .obj, .glb, .stl) in place of the object")
+    mesh_up: str = option("z", "axis of the mesh that becomes the spin axis", choices=("x", "y", "z"))
+    mesh_patchwork: str = option("none", "give a plain mesh random albedos", choices=("none", "facets", "faces"))
+    mesh_size_m: float = option(0.0, "largest extent to which the mesh is scaled, m; 0: as it is", 0.0, 1e4)
+    view: str = option("diagonal", "perspective, as named in the paper", choices=(*VIEWS, "custom"))
+    elevation_deg: float = option(0.0, "view custom: 0 is an axis across the view, 90 towards the camera", -90.0, 90.0)
+    roll_deg: float = option(0.0, "view custom: turns the axis in the image, 0 is upright", -180.0, 180.0)
+    speed: str = option("medium", "spin rate by name: 0.2, 0.5, 1 or 0 Hz", choices=(*SPEEDS_HZ, "still"))
     rate_hz: float = option(0.0, "spin rate in Hz; 0: by `speed`", 0.0, 1000.0)
     revolutions: float = option(2.5, "turns to simulate", 0.01, 1000.0)
+    duration_s: float = option(0.0, "time to simulate in s; 0: by `revolutions`", 0.0, 1e5)
     width: int = option(480, "sensor width in px", 16, 4096)
     height: int = option(360, "sensor height in px", 16, 4096)
-    focal_px: float = option(0.0, "focal length in px; 0: 1.25 times the width", 0.0, 1e5)
-    distance_m: float = option(0.8, "distance from the camera to the object in m", 0.01, 1000.0)
+    focal_px: float = option(0.0, "focal length in px; 0: 5/3 of the height", 0.0, 1e5)
+    camera: str = option("", "calibration (YAML) with lens distortion, in place of width, height and focal_px")
+    distance_m: float = option(0.0, "distance to the object in m; 0: such that it fills most of the image", 0.0, 1e5)
+    offset_x: float = option(0.0075, "place of the object right of the optical axis, over the distance", -10.0, 10.0)
+    offset_y: float = option(-0.005, "place of the object below the optical axis, over the distance", -10.0, 10.0)
+    phase_deg: float = option(0.0, "angle of the object at the first frame, degrees", -360.0, 360.0)
     seed: int = option(1, "seed of the surface pattern and of all noise", 0, 2**31)
+    max_events: int = option(500_000_000, "a scene of more events is refused", 1, 10**12)
+    motion: MotionOptions = field(default_factory=MotionOptions)
     sensor: SensorOptions = field(default_factory=SensorOptions)
+
+    @property
+    def spin_rate_hz(self) -> float:
+        """The spin rate at the beginning, 0 for a body that only stands or moves on."""
+        return self.rate_hz or SPEEDS_HZ.get(self.speed, 0.0)
 
 
 @dataclass(frozen=True)
-class Simulation:
-    """A scene that is ready to be recorded.
-
-    camera: of the recording. spin: the motion, with t0 the time of the first frame, metres. model: the object in the
-    coordinates of `spin`. window: the part of the sensor that the object reaches. frames: per turn.
-    """
+class Scene:
+    """A scene that is set up: what was asked for, the motion, and the simulation of it."""
 
     options: SceneOptions
-    camera: Camera
-    spin: Spin
-    model: Model
-    window: Window
-    frames: int
+    motion: BodyMotion
+    simulation: Simulation
+
+    @property
+    def spin(self) -> Spin:
+        """Axis, rate and centre at the time of the first frame, t0; metres."""
+        return self.motion.spin
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that watches."""
+        return self.simulation.camera
 
     def chunks(self, progress: Progress | None = None) -> Iterator[EventArray]:
-        """Yield the events of each step between two frames, sorted by time, ns; steps without events are left out.
-
-        One turn is rendered once, kept in a temporary file, and used again in every revolution.
-        """
-        renderer = Renderer(self.model, self.camera, self.window, Light(), _BLUR_PX)
-        steps = round(self.options.revolutions * self.frames)
-        report = progress or (lambda share: None)
-        with tempfile.TemporaryFile(prefix="esfo_frames_") as file:
-            shape = (min(steps + 1, self.frames), self.window.height, self.window.width)
-            turn = np.memmap(file, np.uint16, "w+", shape=shape)
-            for share in self._render(renderer, turn):
-                report(0.5 * share)
-
-            rng = np.random.default_rng([self.options.seed, 1])
-            size, origin = (self.camera.width, self.camera.height), (self.window.x, self.window.y)
-            sensor = Sensor(turn[0], renderer.levels, size, origin, self.options.sensor, rng)
-            step_ns = NANOSECONDS / (self.spin.rate_hz * self.frames)
-            # Every border is computed once: a step may not end a rounding error after the next one begins.
-            borders = self.spin.t0 + step_ns * np.arange(steps + 1)
-            for k in range(steps):
-                events = sensor.step(turn[(k + 1) % self.frames], (float(borders[k]), float(borders[k + 1])))
-                report(0.5 + 0.5 * (k + 1) / steps)
-                if len(events):
-                    yield events
-
-    def _render(self, renderer: Renderer, turn: NDArray[np.uint16]) -> Iterator[float]:
-        def render(k: int) -> NDArray[np.uint16]:
-            return renderer.render(rotation(self.spin.axis, 2 * np.pi * k / self.frames), self.spin.center)
-
-        with ThreadPoolExecutor(_THREADS) as pool:
-            images = pool.map(render, range(len(turn)))
-            for k, image in enumerate(images):
-                turn[k] = image
-                yield (k + 1) / len(turn)
-
-    def truth(self, first_event: int, events: int) -> Truth:
-        """Return the truth as a reader of the recording sees it: at the time of the first event, ns."""
-        spin = Spin(self.spin.axis, self.spin.rate_hz, self.spin.center, first_event)
-        o = self.options
-        return Truth(spin, o.revolutions, o.object, o.view, o.seed, events)
+        """As `Simulation.chunks`."""
+        return self.simulation.chunks(progress)
 
     def model_at(self, t: int) -> Model:
-        """Return the object in its coordinates at time `t` ns."""
-        return self.model.moved(rotation(self.spin.axis, float(self.spin.angle(np.asarray(t)))), np.zeros(3))
+        """Return the object at `t` ns, in coordinates parallel to the camera's, with the origin at the centre."""
+        R, _ = self.motion.pose(float(t))
+        return self.simulation.model.moved(R, np.zeros(3))
 
 
-def view_axis(view: str) -> Vector:
-    """Spin axis (3,) in the camera's optical frame of a named perspective."""
-    elevation, roll = np.radians(VIEWS[view])
+def view_axis(elevation_deg: float, roll_deg: float) -> Vector:
+    """Spin axis (3,) in the camera's optical frame of a perspective; angles as in `VIEWS`."""
+    elevation, roll = np.radians([elevation_deg, roll_deg])
     upright = np.array([0.0, -np.cos(elevation), -np.sin(elevation)])
     return np.asarray(rotation(np.array([0.0, 0, 1]), roll) @ upright)
 
 
-def simulate(options: SceneOptions) -> Simulation:
-    """Set a scene up. Raises OptionError for impossible options and SimulationError for an object outside the view."""
+def simulate(options: SceneOptions) -> Scene:
+    """Set a scene up.
+
+    Raises OptionError for impossible options, CameraError and SimulationError for files that cannot be used, and
+    SimulationError for an object outside the view.
+    """
     check(options)
-    camera = Camera.pinhole(options.width, options.height, options.focal_px or 1.25 * options.width)
-    axis = view_axis(options.view)
-    # A little beside the optical axis, like everything that is set up by hand.
-    center = options.distance_m * np.array([0.0075, -0.005, 1.0])
-    rate = options.rate_hz or SPEEDS_HZ[options.speed]
-    model = OBJECTS[options.object](options.seed).moved(object_frame(axis), np.zeros(3))
-    spin = Spin(axis, rate, center, START_NS)
-    window, speed_px = _reach(model, spin, camera)
-    return Simulation(options, camera, spin, model, window, int(np.ceil(speed_px / _LARGEST_STEP_PX)))
+    camera = _camera(options)
+    angles = (options.elevation_deg, options.roll_deg) if options.view == "custom" else VIEWS[options.view]
+    axis = view_axis(*angles)
+    model = _model(options).moved(rotation(axis, np.radians(options.phase_deg)) @ object_frame(axis), np.zeros(3))
+    distance = options.distance_m or _distance(model, camera)
+    center = distance * np.array([options.offset_x, options.offset_y, 1.0])
+    motion = _motion(options, Spin(axis, options.spin_rate_hz, center, START_NS))
+    times, turn, bounds = _schedule(options, motion, model, camera)
+    simulation = Simulation(
+        model,
+        motion,
+        camera,
+        _window(bounds, camera),
+        times,
+        turn,
+        options.sensor,
+        seed=options.seed,
+        max_events=options.max_events,
+    )
+    return Scene(options, motion, simulation)
 
 
-def _reach(model: Model, spin: Spin, camera: Camera) -> tuple[Window, float]:
-    """Find the window that the model covers in one turn, and the longest image path of a vertex in px per turn."""
-    angles = np.linspace(0, 2 * np.pi, 361)
-    paths = []
-    for angle in angles:
-        X = model.vertices @ rotation(spin.axis, float(angle)).T + spin.center
-        if X[:, 2].min() <= 1e-3:
-            raise SimulationError(f"the object reaches the camera: a vertex comes to z = {X[:, 2].min():.3f} m")
-        paths.append(camera.project(X))
-    uv = np.array(paths)
-    low = np.floor(uv.min(axis=(0, 1))).astype(int) - BLUR_REACH - 1
-    high = np.ceil(uv.max(axis=(0, 1))).astype(int) + BLUR_REACH + 1
+def _camera(options: SceneOptions) -> Camera:
+    if options.camera:
+        return Camera.read_yaml(Path(options.camera))
+    return Camera.pinhole(options.width, options.height, options.focal_px or FOCAL_PER_HEIGHT * options.height)
+
+
+def _model(options: SceneOptions) -> Model:
+    if options.mesh:
+        return read_mesh(
+            Path(options.mesh),
+            options.mesh_size_m or None,
+            options.seed,
+            patchwork=options.mesh_patchwork,  # type: ignore[arg-type]
+            up=options.mesh_up,  # type: ignore[arg-type]
+        )
+    return OBJECTS[options.object](options.seed)
+
+
+def _distance(model: Model, camera: Camera) -> float:
+    """Distance at which the sphere round the moving model covers `FILL` of the smaller side of the image."""
+    reach = float(np.linalg.norm(model.vertices, axis=1).max())
+    half = FILL * min(camera.width / camera.K[0, 0], camera.height / camera.K[1, 1]) / 2
+    return float(reach * np.hypot(1, 1 / half))
+
+
+def _motion(options: SceneOptions, spin: Spin) -> BodyMotion:
+    m = options.motion
+    velocity = np.array([m.velocity_x_m_s, m.velocity_y_m_s, m.velocity_z_m_s])
+    return BodyMotion(spin, m.rate_slope_hz_s, np.radians(m.nutation_deg), m.inertia_ratio, velocity)
+
+
+def _schedule(options: SceneOptions, motion: BodyMotion, model: Model, camera: Camera) -> tuple[Matrix, int, Matrix]:
+    """Return the times of the frames, after how many they repeat, and the bounds of the image."""
+    rate = motion.spin.rate_hz
+    if not rate and not options.duration_s:
+        raise SimulationError("an object that does not spin needs duration_s")
+    if options.duration_s:
+        turns = float(motion.turns(np.array(START_NS + options.duration_s * NANOSECONDS)))
+    else:
+        turns = options.revolutions
+    if not motion.repeats:
+        end = START_NS + (options.duration_s or turns / rate) * NANOSECONDS
+        samples = 2 + int(_POSES_PER_TURN * max(turns, 1.0))
+        times, bounds = frame_times(motion, model.vertices, camera, (START_NS, end), samples)
+        return times, len(times), bounds
+    # The poses of a turn do not depend on how the rate changes: they are those of a constant one.
+    steady = BodyMotion(motion.spin)
+    span = (START_NS, START_NS + NANOSECONDS / rate)
+    times, bounds = frame_times(steady, model.vertices, camera, span, _POSES_PER_TURN + 1)
+    turn = len(times) - 1
+    whole, part = np.divmod(np.arange(int(np.ceil(turns)) * turn + 1), turn)
+    done = whole + steady.turns(times)[part]
+    return motion.time_of(done[done <= turns + 1e-9]), turn, bounds
+
+
+def _window(bounds: Matrix, camera: Camera) -> Window:
+    low = np.floor(bounds[0]).astype(int) - BLUR_REACH - 1
+    high = np.ceil(bounds[1]).astype(int) + BLUR_REACH + 1
     if (low < 0).any() or (high >= [camera.width, camera.height]).any():
         raise SimulationError(
             f"the object leaves the view: it covers columns {low[0]}..{high[0]} and rows {low[1]}..{high[1]} of "
             f"{camera.width}x{camera.height} px; use a larger distance_m or a shorter focal_px"
         )
-    step = np.linalg.norm(np.diff(uv, axis=0), axis=2).max()
-    return Window(int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)), float(360 * step)
-
-
-def write_scene(options: SceneOptions, path: Path, progress: Progress | None = None) -> Truth:
-    """Simulate and write `path` (MCAP), `<stem>.truth.json` and `<stem>.ply`, the mesh at the first event.
-
-    The same options give the same bytes. Raises SimulationError and RecordingError.
-    """
-    simulation = simulate(options)
-    first: list[int] = []
-
-    def watched() -> Iterator[EventArray]:
-        for events in simulation.chunks(progress):
-            if not first:
-                first.append(int(events["t"][0]))
-            yield events
-
-    count = write_mcap(path, watched(), simulation.camera)
-    truth = simulation.truth(first[0], count)
-    truth.write_json(path.with_suffix(".truth.json"))
-    simulation.model_at(first[0]).to_trimesh().export(path.with_suffix(".ply"))
-    return truth
+    return Window(int(low[0]), int(low[1]), int(high[0] - low[0] + 1), int(high[1] - low[1] + 1))

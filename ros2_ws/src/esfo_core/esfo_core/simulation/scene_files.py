@@ -1,0 +1,105 @@
+"""Simulated scenes as files: recording, truth, mesh and true tracks; and the 72 scenes of TOPSPIN."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from esfo_core.events import EventArray
+from esfo_core.options import fields_of
+from esfo_core.recordings import open_recording, write_mcap
+from esfo_core.recordings.event_camera_dataset import write_event_camera_dataset
+from esfo_core.simulation.handheld import HandheldOptions, handheld_scene
+from esfo_core.simulation.landmarks import choose_points, true_tracks
+from esfo_core.simulation.objects.catalogue import OBJECTS
+from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, Scene, SceneOptions, simulate
+from esfo_core.simulation.simulator import Progress
+from esfo_core.simulation.truth import Truth
+
+LANDMARKS = 300
+LANDMARK_PERIOD_NS = 10_000_000
+
+_SHORT = {"medium": "med"}  # as the paper abbreviates in the names of its scenes
+
+
+def write_scene(options: SceneOptions, path: Path, progress: Progress | None = None) -> Truth:
+    """Simulate and write `path` (MCAP) and, beside it by its stem, what is known of it.
+
+    `.ply`: the mesh, and `.points.ply`: up to 300 corners of it, both camera-aligned at the first event. `.tracks.csv`:
+    where these corners are seen every 10 ms, each a track by its number, with rows only while it is visible.
+    `.truth.json`: the motion, the last to be written: where it is, all is. The same options give the same bytes.
+
+    Raises OptionError, SimulationError, CameraError and RecordingError.
+    """
+    scene = simulate(options)
+    span: list[int] = []
+
+    def watched() -> Iterator[EventArray]:
+        for events in scene.simulation.chunks(progress):
+            span[:] = [span[0] if span else int(events["t"][0]), int(events["t"][-1])]
+            yield events
+
+    truth_path = path.with_suffix(".truth.json")
+    truth_path.unlink(missing_ok=True)
+    count = write_mcap(path, watched(), scene.simulation.camera)
+    _write_landmarks(scene, (span[0], span[1]), path)
+    truth = Truth(scene.motion, (span[0], span[1]), count, _values(options))
+    truth.write_json(truth_path)
+    return truth
+
+
+def _write_landmarks(scene: Scene, span: tuple[int, int], path: Path) -> None:
+    model, simulation = scene.model_at(span[0]), scene.simulation
+    model.to_trimesh().export(path.with_suffix(".ply"))
+    points = choose_points(model, LANDMARKS, scene.options.seed)
+    cloud = trimesh.PointCloud(model.vertices[points])  # type: ignore[no-untyped-call]
+    cloud.export(path.with_suffix(".points.ply"))  # type: ignore[no-untyped-call]
+    times = np.arange(*span, LANDMARK_PERIOD_NS)
+    tracks = true_tracks(simulation.model, points, simulation.camera, scene.motion, times)
+    tracks.write_csv(path.with_suffix(".tracks.csv"))
+
+
+def write_handheld(options: HandheldOptions, folder: Path, progress: Progress | None = None) -> int:
+    """Simulate a moving camera and write `folder` in the form of the Event Camera Dataset; return the number of events.
+
+    Beside its `events.txt`, `groundtruth.txt` (poses at 200 Hz) and `calib.txt` the same events as `events.mcap`, and
+    the scene as `scene.ply`, in the world of the poses. Raises OptionError and RecordingError.
+    """
+    scene = handheld_scene(options)
+    folder.mkdir(parents=True, exist_ok=True)
+    recording = folder / "events.mcap"
+    count = write_mcap(recording, scene.simulation.chunks(progress), scene.simulation.camera)
+    write_event_camera_dataset(folder, open_recording(recording).chunks(), scene.trajectory, scene.simulation.camera)
+    scene.simulation.model.to_trimesh().export(folder / "scene.ply")
+    return count
+
+
+def is_written(options: SceneOptions, path: Path) -> bool:
+    """Return whether `write_scene` has already written these files with the same options."""
+    try:
+        truth = json.loads(path.with_suffix(".truth.json").read_text())
+    except (OSError, ValueError):
+        return False
+    return path.is_file() and isinstance(truth, dict) and truth.get("options") == _values(options)
+
+
+def topspin(base: SceneOptions) -> dict[str, SceneOptions]:
+    """Return the 72 scenes of the paper's data set (Table 1) by name: what, seen from where, how fast.
+
+    Everything but these three is as in `base`.
+    """
+    return {
+        f"{what}-{view}-{_SHORT.get(speed, speed)}": replace(base, object=what, view=view, speed=speed)
+        for what in OBJECTS
+        for view in VIEWS
+        for speed in SPEEDS_HZ
+    }
+
+
+def _values(options: SceneOptions) -> dict[str, bool | int | float | str]:
+    return {leaf.name: leaf.value for leaf in fields_of(options)}

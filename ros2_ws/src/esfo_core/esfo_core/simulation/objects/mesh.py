@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -21,12 +20,6 @@ Up = Literal["x", "y", "z"]
 
 _PATCHES = (LOWEST, 0.95)
 """Range of the albedos of a patchwork."""
-
-# What the readers of trimesh let through from damaged files.
-_DAMAGE = (
-    ValueError, LookupError, TypeError, AttributeError, AssertionError, ArithmeticError, struct.error, OSError,
-    NotImplementedError, RuntimeError, MemoryError,
-)  # fmt: skip
 
 
 def read_mesh(
@@ -76,13 +69,16 @@ def _gather(path: Path) -> tuple[Points, NDArray[np.int64], Points]:
     try:
         scene = trimesh.load_scene(path, process=False)
         meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-        linear = path.suffix.lower() == ".glb"
-        albedos = [face_albedo(mesh, linear) for mesh in meshes]
-    except _DAMAGE as error:
-        reason = str(error).splitlines()[0] if str(error) else ""
+        albedos = [face_albedo(mesh, linear=path.suffix.lower() == ".glb") for mesh in meshes]
+    except ImportError as error:  # only to guess an encoding
+        raise SimulationError(f"{path}: not a readable mesh (damaged, or text that is not UTF-8)") from error
+    except Exception as error:  # of damaged files the readers raise anything, even UnboundLocalError
+        reason = (str(error).splitlines() or [""])[0]
         raise SimulationError(f"{path}: not a readable mesh ({type(error).__name__}: {reason})") from error
     if not meshes:
         raise SimulationError(f"{path}: no faces")
+    if any(mesh.vertices.ndim != 2 or mesh.vertices.shape[1] != 3 for mesh in meshes):
+        raise SimulationError(f"{path}: not a readable mesh (its vertices are not points in space)")
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     vertices = np.concatenate([np.asarray(mesh.vertices, np.float64) for mesh in meshes])
     faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts[:-1], strict=True)])
@@ -91,9 +87,11 @@ def _gather(path: Path) -> tuple[Points, NDArray[np.int64], Points]:
 
 def _welded(path: Path, vertices: Points, faces: NDArray[np.int64]) -> tuple[trimesh.Trimesh, NDArray[np.bool_]]:
     """Join equal vertices and leave out faces without area; return the mesh and which faces (F,) it has kept."""
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise SimulationError(f"{path}: its faces name vertices {faces.min()} to {faces.max()} of {len(vertices)}")
     finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
-        k = int(np.flatnonzero(~finite)[0])
+        k = int(np.argmin(finite))
         raise SimulationError(f"{path}: vertex {k} is {vertices[k].tolist()}, not finite")
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -101,9 +99,9 @@ def _welded(path: Path, vertices: Points, faces: NDArray[np.int64]) -> tuple[tri
     kept = area > 4 * np.finfo(np.float64).eps * np.abs(vertices).max() ** 2
     if not kept.any():
         raise SimulationError(f"{path}: its {len(faces)} faces have no area")
-    mesh = trimesh.Trimesh(vertices, faces[kept], process=False)
-    mesh.merge_vertices()
-    return mesh, kept
+    # Only what is equal to the bit: any tolerance would be too wide for some unit of length.
+    distinct, index = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    return trimesh.Trimesh(distinct, index.reshape(-1)[faces[kept]], process=False), kept
 
 
 def _patches(mesh: trimesh.Trimesh, patchwork: Patchwork, rng: np.random.Generator) -> Points:

@@ -57,7 +57,7 @@ def test_a_nutating_body_keeps_its_angular_momentum(inertia_ratio):
 def test_a_translating_body_moves_on():
     motion = BodyMotion(SPIN, velocity=np.array([0.1, 0, -0.2]))
     _, T = motion.pose(SPIN.t0 + 2 * SECOND)
-    np.testing.assert_allclose(T, SPIN.center + [0.2, 0, -0.4])
+    np.testing.assert_allclose(T, SPIN.center + np.array([0.2, 0, -0.4]))
 
 
 def test_kinds_and_what_repeats():

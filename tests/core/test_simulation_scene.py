@@ -153,7 +153,7 @@ def test_impossible_scenes_are_refused_with_the_value(change, error, value):
 
 
 def test_more_events_than_asked_for_are_refused(tmp_path):
-    with pytest.raises(SimulationError, match="more than 1000 events after 0.0"):
+    with pytest.raises(SimulationError, match=r"more than 1000 events after 0\.0"):
         write_scene(replace(SMALL, max_events=1000), tmp_path / "scene.mcap")
     assert not list(tmp_path.iterdir())
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from esfo_core.orbit import OrbitError, Spin
+from esfo_core.orbit import Spin
 from esfo_core.simulation.motion import BodyMotion
 
 _HISTORY = 101

@@ -11,8 +11,8 @@ _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(0.003, -0.004, 0.005), tilt_deg=(-7.0, 2.0), scale=1.4)
 _SHELL, _DARK, _TRIM, _PRINT = 0.13, 0.05, 0.3, 0.9
 
-_GRIP = Mosaic((1, 2), _SHELL, (0.06, 0.22, 0.3), cover=0.35, inset=(0.15, 0.38))
-_TOUCH_PAD = Mosaic((5, 3), 0.26, (0.16, 0.2, 0.36, 0.42), cover=0.75, inset=(0.12, 0.35))
+_GRIP = Mosaic((1, 2), _SHELL, (0.05, 0.24, 0.34), cover=0.5, inset=(0.1, 0.32))
+_TOUCH_PAD = Mosaic((5, 3), 0.26, (0.12, 0.16, 0.4, 0.5), cover=0.75, inset=(0.1, 0.32))
 _STICKER = Mosaic((6, 4), 0.85, (0.06, 0.1, 0.2), cover=0.8, inset=(0.08, 0.3))
 _KNURL = Mosaic((1, 1), 0.22, (0.06, 0.09), cover=0.9, inset=(0.1, 0.25))
 

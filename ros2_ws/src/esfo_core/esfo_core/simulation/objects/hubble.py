@@ -6,7 +6,7 @@ import numpy as np
 
 from esfo_core.orbit import rotation
 from esfo_core.simulation.objects.mounting import Mounting
-from esfo_core.simulation.surface import Model, Mosaic, Points, Surface
+from esfo_core.simulation.surface import Model, Mosaic, Points, Surface, facing
 
 _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(0.003, -0.002, 0.003), tilt_deg=(1.2, -1.6))
@@ -57,12 +57,11 @@ def _solar_panel(surface: Surface, side: float, tilt: float) -> None:
     turn = rotation(_X, tilt)
     surface.box(np.array([side * 0.072, 0, 0.01]), np.diag([0.024, 0.003, 0.003]), _PLAIN)
     width, length, half_thickness = 0.066, 0.21, 0.0015
-    for sign, mosaic in ((1.0, _CELLS), (-1.0, _BACK)):
-        normal = turn @ (sign * _Y)
-        v = turn @ (length * _Z)
-        u = width * np.cross(v / length, normal)
-        center = np.array([side * 0.125, 0, 0.0]) + half_thickness * normal
-        surface.face(center - u / 2 - v / 2, u, v, mosaic)
+    middle = np.array([side * 0.125, 0, 0.0])
+    surface.box(middle, np.diag([width / 2, half_thickness, length / 2]) @ turn.T, _PLAIN)
+    for normal, mosaic in ((turn @ _Y, _CELLS), (turn @ -_Y, _BACK)):
+        face = surface.placed(middle + (half_thickness + 2e-4) * normal, facing(normal))
+        face.panel(width, length, mosaic, z=0.0)
 
 
 def _antenna(surface: Surface) -> None:

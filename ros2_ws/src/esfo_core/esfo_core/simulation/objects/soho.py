@@ -32,7 +32,7 @@ def soho(seed: int) -> Model:
     surface = Surface(np.random.default_rng(seed))
     _service_module(surface)
     _payload_module(surface)
-    for side, setting in ((1.0, 24.0), (-1.0, 31.0)):
+    for side, setting in ((1.0, 7.0), (-1.0, 14.0)):
         wing = surface.placed([0, 0, -0.035], rotation(_Y, float(np.radians(setting))))
         for z in (-0.012, 0.012):
             wing.rod([0, side * 0.052, 0], [0, side * 0.068, z], 0.0014, 0.7)

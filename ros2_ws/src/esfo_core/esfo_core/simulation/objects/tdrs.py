@@ -34,7 +34,7 @@ def tdrs(seed: int) -> Model:
     _multiple_access_array(surface.placed([0, 0, 0.03]))
     _single_access_antenna(surface, side=1.0, aim=(0.30, -0.62, 0.72))
     _single_access_antenna(surface, side=-1.0, aim=(-0.20, 0.56, 0.80))
-    for side, setting in ((1.0, 12.0), (-1.0, 20.0)):
+    for side, setting in ((1.0, 3.0), (-1.0, 11.0)):
         wing = surface.placed([0, 0, -0.008], rotation(_Y, float(np.radians(setting))))
         wing.rod([0, side * 0.028, 0], [0, side * 0.073, 0], 0.002, 0.7)
         _WING.add(wing, side)

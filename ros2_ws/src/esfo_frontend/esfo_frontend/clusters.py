@@ -9,9 +9,12 @@ from hdbscan import HDBSCAN
 from numpy.typing import NDArray
 
 from esfo_core.events import EventArray, empty_events
+from esfo_frontend import hierarchy
+from esfo_frontend.kd_tree import build_tree
 from esfo_frontend.options import ClusterOptions, nanoseconds
+from esfo_frontend.spanning_tree import minimum_spanning_tree
 
-NOISE = -1
+NOISE = hierarchy.NOISE
 NANOSECONDS = 1e9
 
 
@@ -132,19 +135,34 @@ def cluster(corners: EventArray, time_scale: float, options: ClusterOptions) -> 
         return np.full(len(corners), NOISE, np.int64)
     t = (corners["t"] - corners["t"][0]) * (time_scale / NANOSECONDS)
     points = np.stack([corners["x"].astype(np.float64), corners["y"].astype(np.float64), t], axis=1)
+    labels = _ALGORITHMS[options.algorithm](points, options)
+    found, first = np.unique(labels, return_index=True)
+    found, first = found[found != NOISE], first[found != NOISE]
+    # The row for noise is the last: index -1.
+    rank = np.full(int(found.max(initial=NOISE)) + 2, NOISE, np.int64)
+    rank[found[np.argsort(first)]] = np.arange(len(found))
+    return np.asarray(rank[labels])
+
+
+def _by_package(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.integer]:
     model = HDBSCAN(
         min_cluster_size=options.min_size,
         cluster_selection_epsilon=options.epsilon,
         approx_min_span_tree=False,
         core_dist_n_jobs=1,
     )
-    labels = np.asarray(model.fit_predict(points), np.int64)
-    found, first = np.unique(labels, return_index=True)
-    found, first = found[found != NOISE], first[found != NOISE]
-    # The row for noise is the last: index -1.
-    rank = np.full(len(found) + 1, NOISE, np.int64)
-    rank[found[np.argsort(first)]] = np.arange(len(found))
-    return rank[labels]
+    return np.asarray(model.fit_predict(points), np.int64)
+
+
+def _by_boruvka(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.integer]:
+    tree = build_tree(points)
+    linkage = hierarchy.single_linkage(*minimum_spanning_tree(tree, options.min_size))
+    labels = np.empty(len(points), np.int32)
+    labels[tree.order] = hierarchy.flat_clusters(linkage, options.min_size, options.epsilon)
+    return labels
+
+
+_ALGORITHMS = {"hdbscan": _by_package, "boruvka": _by_boruvka}
 
 
 def stitch(before: NDArray[np.int64], after: NDArray[np.int64]) -> list[tuple[int, int]]:
@@ -153,12 +171,13 @@ def stitch(before: NDArray[np.int64], after: NDArray[np.int64]) -> list[tuple[in
     The pair with the most corners in common is matched first; among equals the one with the lower labels.
     """
     both = (before != NOISE) & (after != NOISE)
-    pairs, count = np.unique(np.stack([before[both], after[both]], axis=1), axis=0, return_counts=True)
+    stride = int(after.max(initial=NOISE)) + 1
+    keys, count = np.unique(before[both] * stride + after[both], return_counts=True)
     matched: list[tuple[int, int]] = []
     used_before: set[int] = set()
     used_after: set[int] = set()
     for i in np.argsort(-count, kind="stable"):
-        old, new = int(pairs[i, 0]), int(pairs[i, 1])
+        old, new = divmod(int(keys[i]), stride)
         if old not in used_before and new not in used_after:
             matched.append((new, old))
             used_before.add(old)

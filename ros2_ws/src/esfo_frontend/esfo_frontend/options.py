@@ -13,12 +13,20 @@ MILLISECOND = 1_000_000
 
 @dataclass(frozen=True)
 class CornerOptions:
-    """eFAST (Mueggler et al., BMVC 2017): lengths of the newest arc on the two circles, in ring pixels."""
+    """Detector, and lengths of the newest arc on the two circles, in ring pixels.
 
+    eFAST: Mueggler et al., BMVC 2017; Arc*: Alzugaray and Chli, RA-L 2018.
+    """
+
+    detector: str = option("efast", "eFAST as in the paper, or Arc*", choices=("efast", "arc_star"))
     shortest_inner: int = option(3, "shortest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
     longest_inner: int = option(6, "longest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
     shortest_outer: int = option(4, "shortest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
     longest_outer: int = option(8, "longest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
+    kappa: float = option(
+        50.0, "Arc*: time for which a pixel's events of one polarity count as repeated, ms; 0: never", 0.0, 10_000.0
+    )
+    threads: int = option(1, "eFAST: 2 gives each polarity a thread; the corners are the same", 1, 2)
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,9 @@ class DensityOptions:
     """Filter on the local event density, D(e) of equation 2."""
 
     radius: float = option(7.0, "lambda: neighbourhood radius in (x, y, scaled t), px", 0.5, 50.0)
+    memory: float = option(
+        10.0, "time after which a corner counts 1/e in the mean of its polarity, s; 0: all count the same", 0.0, 1e6
+    )
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,11 @@ class ClusterOptions:
     epsilon: float = option(0.0, "clusters closer than this are not split, px in (x, y, scaled t)", 0.0, 1000.0)
     chunk: float = option(120.0, "duration of a chunk, ms", 1.0, 60_000.0)
     shared: float = option(20.0, "duration that neighbouring chunks share, ms; at most half a chunk", 0.0, 30_000.0)
+    algorithm: str = option(
+        "boruvka",
+        "HDBSCAN by `boruvka` here or by the package `hdbscan`, ten times slower; they differ only where edges tie",
+        choices=("boruvka", "hdbscan"),
+    )
 
 
 @dataclass(frozen=True)
@@ -89,7 +105,8 @@ PRESETS: dict[str, FrontendOptions] = {
     "default": FrontendOptions(),
     "paper": FrontendOptions(
         time_scale=1000.0,
-        clusters=ClusterOptions(epsilon=5.0),
+        density=DensityOptions(memory=0.0),
+        clusters=ClusterOptions(epsilon=5.0, algorithm="hdbscan"),
         join=JoinOptions(radius=30.0),
         tracks=TrackOptions(min_corners=1),
     ),
@@ -103,6 +120,8 @@ def check_options(options: FrontendOptions) -> None:
     clusters, corners = options.clusters, options.corners
     if clusters.shared > clusters.chunk / 2:
         raise OptionError(f"clusters.shared is {clusters.shared} ms, more than half of clusters.chunk {clusters.chunk}")
+    if corners.detector == "arc_star" and corners.threads > 1:
+        raise OptionError("corners.threads is 2, but in Arc* the polarities depend on each other")
     if corners.shortest_inner > corners.longest_inner:
         raise OptionError(f"corners.shortest_inner is {corners.shortest_inner}, above {corners.longest_inner}")
     if corners.shortest_outer > corners.longest_outer:

@@ -1,62 +1,110 @@
 """The rasteriser against a plain twin and against known light."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
 from esfo_core.camera import Camera
+from esfo_core.errors import SimulationError
 from esfo_core.orbit import rotation
-from esfo_core.simulation.renderer import Light, Renderer, Window, quantize, rasterize, reduce_columns, reduce_rows
+from esfo_core.simulation.exposure import blur_row, blur_taps, develop, whole_steps
 from esfo_core.simulation.objects.hubble import hubble
+from esfo_core.simulation.rasterizer import PLANE, rasterize
+from esfo_core.simulation.renderer import Light, Renderer, Window
 from esfo_core.simulation.surface import Model
+from esfo_core.simulation.tessellation import neighbours
 
 AXIS, CENTER = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
-def slow_rasterize(uv, inverse_depth, faces, shade, image, depth):
-    """Ask every pixel of every face; the sums are those of the kernel, so the results are the same to the bit."""
-    for face, radiance in zip(faces, shade, strict=True):
-        a, b, c = uv[face].tolist()
-        za, zb, zc = inverse_depth[face].tolist()
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+def slow_rasterize(corners, shape):
+    """Ask every sample of every triangle."""
+    ids, depth = np.zeros(shape, np.int32), np.zeros(shape)
+    for m, ((ax, ay, za), (bx, by, zb), (cx, cy, zc)) in enumerate(corners.tolist()):
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if area >= 0:
             continue
-        for y, x in np.ndindex(*image.shape):
-            weights = [(p[0] - x) * (q[1] - y) - (p[1] - y) * (q[0] - x) for p, q in ((b, c), (c, a), (a, b))]
+        for y, x in np.ndindex(*shape):
+            sides = ((bx, by), (cx, cy)), ((cx, cy), (ax, ay)), ((ax, ay), (bx, by))
+            weights = [(p[0] - x) * (q[1] - y) - (p[1] - y) * (q[0] - x) for p, q in sides]
             if max(weights) > 0:
                 continue
             z = (weights[0] * za + weights[1] * zb + weights[2] * zc) / area
             if z > depth[y, x]:
-                depth[y, x], image[y, x] = z, radiance
+                depth[y, x], ids[y, x] = z, m + 1
+    return ids, depth
+
+
+def rasterized(corners, shape):
+    planes, ids, depth = np.zeros((len(corners) + 1, PLANE)), np.zeros(shape, np.int32), np.zeros(shape, np.float32)
+    extent = np.tile(np.array([shape[1], -1]), (shape[0], 1))
+    rasterize(corners, planes, ids, depth, extent)
+    return ids, depth, extent
 
 
 def test_rasterizer_equals_its_twin():
     rng = np.random.default_rng(2)
-    uv = rng.uniform(-6, 30, (60, 2))
-    faces = rng.integers(0, 60, (40, 3)).astype(np.int32)
-    inverse_depth, shade = rng.uniform(0.5, 2, 60), rng.random(40).astype(np.float32)
-    images, depths = np.zeros((2, 20, 24), np.float32), np.zeros((2, 20, 24))
-    rasterize(uv, inverse_depth, faces, shade, images[0], depths[0])
-    slow_rasterize(uv, inverse_depth, faces, shade, images[1], depths[1])
-    assert (images[1] > 0).sum() > 200
-    np.testing.assert_array_equal(images[0], images[1])
-    np.testing.assert_array_equal(depths[0], depths[1])
+    corners = np.concatenate([rng.uniform(-6, 30, (60, 3, 2)), rng.uniform(0.5, 2, (60, 3, 1))], axis=2)
+    # Far larger than the grid, far smaller than a sample, and corners on samples.
+    corners[:6, :, :2] = (corners[:6, :, :2] - 12) * 1e5
+    corners[6:12, :, :2] = corners[6:12, :1, :2] + 0.05 * rng.random((6, 3, 2))
+    corners[12:20, :, :2] = corners[12:20, :, :2].round()
+    shape = (20, 24)
+    ids, depth, extent = rasterized(corners, shape)
+    expected, z = slow_rasterize(corners, shape)
+    assert len(np.unique(ids)) > 15
+    np.testing.assert_array_equal(ids, expected)
+    # Single precision of 1/z, at most 2 here; its slope comes from differences of that precision.
+    np.testing.assert_allclose(depth, z, atol=1e-6)
+    for y in range(shape[0]):
+        drawn = np.flatnonzero(ids[y])
+        if len(drawn):
+            assert extent[y].tolist() == [drawn[0], drawn[-1]]
 
 
-def test_blur_and_quantisation_equal_their_twins():
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_nothing_is_drawn_of_lines_points_and_what_is_no_number(bad):
+    a, b, c = [2.0, 2, 1], [2.0, 9, 1], [9.0, 2, 1]
+    corners = np.array([[a, a, b], [a, a, a], [a, c, b], [a, b, [9.0, bad, 1]], [[bad, 2, 1], b, c]])
+    assert not rasterized(corners, (12, 12))[0].any()
+
+
+def test_neighbours_of_a_mesh_share_an_edge_of_one_surface():
+    # Corners in their own copies; the second sheet stands on an edge where two faces meet already.
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0], [1, 1, 0], [0.5, 0.5, 1.0]])
+    faces = np.array([[0, 1, 2], [4, 5, 3], [4, 6, 5]], np.int32)
+    np.testing.assert_array_equal(neighbours(Model(corners, faces[:2], np.ones(2))), [[-1, 1, -1], [-1, -1, 0]])
+    assert (neighbours(Model(corners, faces, np.ones(3))) == -1).all()
+
+
+def test_blur_equals_its_twin_and_keeps_the_light():
     rng = np.random.default_rng(4)
-    fine, taps = rng.random((18, 22)).astype(np.float32) + np.float32(0.1), rng.random(6).astype(np.float32)
-    rows, columns = np.empty((7, 22), np.float32), np.empty((18, 9), np.float32)
-    reduce_rows(fine, taps, rows)
-    reduce_columns(fine, taps, columns)
-    # float32 sums of six positive terms: relative rounding of at most six units in the last place.
-    by_row = np.array([taps.astype(float) @ fine[2 * i : 2 * i + 6].astype(float) for i in range(7)])
-    by_column = np.array([fine[:, 2 * j : 2 * j + 6].astype(float) @ taps.astype(float) for j in range(9)]).T
-    np.testing.assert_allclose(rows, by_row, rtol=6 * 2**-23)
-    np.testing.assert_allclose(columns, by_column, rtol=6 * 2**-23)
-    steps = np.empty(fine.shape, np.uint16)
-    quantize(fine, -3.0, 1e-4, steps)
-    # Half a step, and the rounding of the logarithm of a float32.
-    np.testing.assert_allclose(steps * 1e-4 - 3.0, np.log(fine.astype(float)), atol=0.5e-4 + 1e-6)
+    taps = blur_taps(0.65)
+    assert taps.sum() == pytest.approx(1, abs=1e-6)
+    # Samples that hold means over half a pixel are blurred by those means already.
+    offsets = (np.arange(len(taps)) - (len(taps) - 1) / 2) / 2
+    assert taps @ offsets**2 + 0.5**2 / 12 == pytest.approx(0.65**2, rel=1e-4)
+    rows = rng.random((2 * 5 + len(taps) - 2, 7)).astype(np.float32) + np.float32(0.1)
+    fine, row = rng.random(2 * 9 + len(taps) - 2).astype(np.float32), np.empty(9, np.float32)
+    blur_row(fine, taps, np.empty((2, len(fine) // 2), np.float32), row)
+    # Single precision sums of so many positive terms.
+    rtol = len(taps) * 2**-23
+    np.testing.assert_allclose(row, [taps.astype(float) @ fine[2 * j : 2 * j + len(taps)] for j in range(9)], rtol=rtol)
+    expected = np.log([taps.astype(float) @ rows[2 * i : 2 * i + len(taps)] for i in range(5)])
+    steps, extent = np.empty((5, 7), np.uint16), np.tile(np.array([0, 6]), (len(rows), 1))
+    develop(rows, extent, taps, (-3.0, 1e-4, np.float32(0.7)), steps)
+    np.testing.assert_allclose(steps * 1e-4 - 3.0, expected, atol=0.5e-4 + 1e-6)
+    assert (rows == np.float32(0.7)).all()
+    assert (extent[:, 1] < 0).all()
+
+
+def test_logarithm_is_right_to_a_millionth():
+    radiance = np.geomspace(1e-3, 0.999, 60000).astype(np.float32)
+    steps = np.empty(len(radiance), np.uint16)
+    whole_steps(radiance, -7.0, 7.0 / 65535, np.empty(len(radiance), np.int32), steps)
+    error = steps * (7.0 / 65535) - 7.0 - np.log(radiance.astype(float))
+    assert np.abs(error).max() <= 0.5 * 7.0 / 65535 + 1e-6
 
 
 def square(depth_m, half_m, albedo):
@@ -107,3 +155,23 @@ def test_satellite_has_many_contrasts_and_no_symmetry():
     assert distance.max() > 0.02
     np.testing.assert_array_equal(hubble(1).vertices, model.vertices)
     assert not np.array_equal(hubble(2).vertices, model.vertices)
+
+
+def test_frames_do_not_depend_on_threads_or_on_those_before():
+    camera = Camera(96, 80, np.array([[120.0, 0, 48], [0, 120, 40], [0, 0, 1]]), "plumb_bob", np.array([-0.3, 0, 0, 0]))
+    renderers = [Renderer(hubble(1), camera, Window(4, 2, 88, 76), Light(), 0.65) for _ in range(2)]
+    poses = [rotation(AXIS, 0.7 * k) for k in range(12)]
+
+    def render(k):
+        return renderers[0].render(poses[k], CENTER)
+
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(render, range(12)))
+    for k in reversed(range(12)):
+        np.testing.assert_array_equal(together[k], renderers[1].render(poses[k], CENTER))
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.1, -1.0, np.nan])
+def test_a_blur_that_samples_cannot_show_is_refused(blur):
+    with pytest.raises(SimulationError, match=str(blur)):
+        Renderer(square(0.0, 0.1, 0.8), Camera.pinhole(41, 41, 100.0), Window(4, 4, 33, 33), Light(), blur)

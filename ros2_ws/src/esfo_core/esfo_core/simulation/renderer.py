@@ -1,24 +1,30 @@
 """Rendering: a model in any pose as a quantised log-intensity image.
 
-A depth-buffered rasteriser on a grid twice as fine as the sensor, then an optical blur. Each sub-step is a small
-compiled loop without the interpreter lock, so that frames can be rendered in threads.
+The faces are cut and halved until the lens bends none of them (tessellation), drawn with a depth buffer on a grid twice
+as fine as the sensor, their borders put into place (rasterizer), then blurred and stored as whole steps of log radiance
+(exposure). Each is a few compiled loops without the interpreter lock, so that frames can be rendered in threads.
 """
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
+from esfo_core.errors import SimulationError
+from esfo_core.simulation.exposure import OVERSAMPLING, blur_taps, develop, gather, whole_steps
+from esfo_core.simulation.rasterizer import PLANE, rasterize
 from esfo_core.simulation.surface import Model
+from esfo_core.simulation.tessellation import CHORD_ERROR_PX, field_of, neighbours, tessellate
 
-OVERSAMPLING = 2
-_HIGHEST = 65535
-# Reach of the blur on each side in sensor pixels: beyond it a Gaussian of 0.65 px weighs less than 1e-5.
 BLUR_REACH = 3
+"""Reach of the blur on each side in sensor pixels, for a margin: a Gaussian of 0.65 px weighs less than 1e-5 beyond."""
+
+_HIGHEST = 65535
+_LEAST_BLUR_PX = 0.15
 
 
 @dataclass(frozen=True)
@@ -53,105 +59,97 @@ class Window:
     height: int
 
 
-@njit(cache=True, nogil=True)
-def rasterize(uv, inverse_depth, faces, shade, image, depth):  # type: ignore[no-untyped-def]
-    """Draw triangles into image, keeping what is nearest.
+class _Scratch(threading.local):
+    """Buffers of one thread; every frame leaves them as it found them. margin: samples around the window."""
 
-    uv: (V, 2) positions in pixels of the image, whose sample points are the integers; inverse_depth: (V,) 1/z, which is
-    linear over the image of a plane; faces: (F, 3); shade: (F,) radiance. image, depth: (H, W), changed in place; depth
-    holds 1/z, 0 where empty. Triangles that turn away from the camera are skipped.
-    """
-    height, width = image.shape
-    for f in range(len(faces)):
-        ia, ib, ic = faces[f]
-        ax, ay, bx, by, cx, cy = uv[ia, 0], uv[ia, 1], uv[ib, 0], uv[ib, 1], uv[ic, 0], uv[ic, 1]
-        # y points down: a triangle that is counter-clockwise seen from outside has negative area here.
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area >= 0.0:
-            continue
-        x0, x1 = max(int(np.ceil(min(ax, bx, cx))), 0), min(int(np.floor(max(ax, bx, cx))), width - 1)
-        y0, y1 = max(int(np.ceil(min(ay, by, cy))), 0), min(int(np.floor(max(ay, by, cy))), height - 1)
-        za, zb, zc = inverse_depth[ia], inverse_depth[ib], inverse_depth[ic]
-        for y in range(y0, y1 + 1):
-            for x in range(x0, x1 + 1):
-                wa = (bx - x) * (cy - y) - (by - y) * (cx - x)
-                wb = (cx - x) * (ay - y) - (cy - y) * (ax - x)
-                wc = (ax - x) * (by - y) - (ay - y) * (bx - x)
-                if wa > 0.0 or wb > 0.0 or wc > 0.0:
-                    continue
-                z = (wa * za + wb * zb + wc * zc) / area
-                if z > depth[y, x]:
-                    depth[y, x] = z
-                    image[y, x] = shade[f]
+    def __init__(self, window: Window, margin: int, background: float, faces: int) -> None:
+        height, width = OVERSAMPLING * window.height + 2 * margin, OVERSAMPLING * window.width + 2 * margin
+        self.ids, self.depth = np.zeros((height, width), np.int32), np.zeros((height, width), np.float32)
+        self.extent = np.tile(np.array([width, -1]), (height, 1))
+        self.rows = np.full((height, window.width), background, np.float32)
+        self.parts = np.zeros((faces, 2), np.int32)
+        self.reserve(0)
 
-
-@njit(cache=True, nogil=True)
-def reduce_rows(fine, taps, out):  # type: ignore[no-untyped-def]
-    """Blur and halve along the first axis: out[i] = sum_k taps[k] fine[2 i + k]."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = 0.0
-        for k in range(len(taps)):
-            for j in range(out.shape[1]):
-                out[i, j] += taps[k] * fine[OVERSAMPLING * i + k, j]
-
-
-@njit(cache=True, nogil=True)
-def reduce_columns(fine, taps, out):  # type: ignore[no-untyped-def]
-    """Blur and halve along the second axis: out[:, j] = sum_k taps[k] fine[:, 2 j + k]."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            total = 0.0
-            for k in range(len(taps)):
-                total += taps[k] * fine[i, OVERSAMPLING * j + k]
-            out[i, j] = total
-
-
-@njit(cache=True, nogil=True)
-def quantize(radiance, low, step, out):  # type: ignore[no-untyped-def]
-    """Store log radiance as whole steps above `low`: out = round((log(radiance) - low) / step)."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = np.uint16((np.log(radiance[i, j]) - low) / step + 0.5)
+    def reserve(self, triangles: int) -> None:
+        """Make room for so many triangles; what was stored is lost."""
+        self.corners = np.empty((triangles, 3, 3))
+        self.planes = np.zeros((triangles + 1, PLANE))
 
 
 class Renderer:
-    """Renders the model in any pose.
+    """Renders the model in any pose, in any number of threads.
 
-    window: what to render; the model must stay inside it. blur_px: standard deviation of the optical blur. The steps of
-    `levels` are finer than 1e-4, far below any contrast threshold.
+    window: the part of the sensor to render. The model may leave it, and come up to the camera: what is nearer than
+    1 mm is not drawn. blur_px: standard deviation of the optical blur, at least 0.15. Parts thinner than half a pixel
+    may be seen in pieces.
+
+    The steps of `levels` are finer than 1e-4, far below any contrast threshold. Raises SimulationError for too small a
+    blur.
     """
 
     def __init__(self, model: Model, camera: Camera, window: Window, light: Light, blur_px: float) -> None:
+        if not blur_px >= _LEAST_BLUR_PX:
+            raise SimulationError(f"a blur of {blur_px} px is less than what samples half a pixel apart can show, 0.15")
         self._model, self._camera, self._window, self._light = model, camera, window, light
-        self._normals = model.normals()
+        with np.errstate(invalid="ignore"):  # a face without area has no normal; it is never seen
+            self._normals = model.normals()
+        self._neighbours = neighbours(model)
         brightest = max(float(model.albedo.max()) * (light.ambient + light.diffuse), light.background)
         darkest = min(float(model.albedo.min()) * light.ambient, light.background)
         low = float(np.log(darkest)) - 1e-3
         self.levels = Levels(low, (float(np.log(brightest)) + 1e-3 - low) / _HIGHEST)
-        offset = np.arange(-OVERSAMPLING * BLUR_REACH, OVERSAMPLING * (BLUR_REACH + 1)) + 0.5 - OVERSAMPLING / 2
-        weights = np.exp(-0.5 * (offset / (OVERSAMPLING * blur_px)) ** 2)
-        self._taps = weights / weights.sum()
+        self._taps = blur_taps(blur_px)
+        self._margin = len(self._taps) // 2 - 1
+        self._scratch = _Scratch(window, self._margin, light.background, len(model.faces))
+        reach = self._margin / OVERSAMPLING + 1
+        corner, size = np.array([window.x, window.y]), np.array([window.width, window.height])
+        self._field = field_of(camera, corner - reach, corner + size + reach)
+        self._background = np.empty(1, np.uint16)
+        whole_steps(np.full(1, light.background, np.float32), *self._steps, np.empty(1, np.int32), self._background)
+
+    @property
+    def _steps(self) -> tuple[float, float]:
+        return self.levels.low, self.levels.step
 
     def render(self, R: NDArray[np.float64], T: NDArray[np.float64]) -> NDArray[np.uint16]:
         """Return the quantised log radiance (height, width) of the window, with the model's points X at R X + T.
 
         R: (3, 3), T: (3,) metres, from the model's coordinates to the camera's optical frame.
         """
-        X = self._model.vertices @ R.T + T
+        buffers, window = self._scratch, self._window
+        count = self._tessellate(buffers, self._model.vertices @ R.T + T)
+        corners, planes = buffers.corners[:count], buffers.planes[: count + 1]
+        self._to_samples(corners)
         facing = np.maximum(self._normals @ (R.T @ np.array(self._light.direction)), 0.0)
         shade = self._model.albedo * (self._light.ambient + self._light.diffuse * facing)
-        # Fine sample k lies at sensor position first + (k - fine_margin + 0.5) / 2 - 0.5.
-        margin = OVERSAMPLING * BLUR_REACH
-        first = np.array([self._window.x, self._window.y])
-        uv = (self._camera.project(X) - first + 0.5) * OVERSAMPLING - 0.5 + margin
-        shape = (OVERSAMPLING * self._window.height + 2 * margin, OVERSAMPLING * self._window.width + 2 * margin)
-        image = np.full(shape, self._light.background, np.float32)
-        rasterize(uv, 1.0 / X[:, 2], self._model.faces, shade.astype(np.float32), image, np.zeros(shape, np.float64))
-        rows = np.empty((self._window.height, shape[1]), np.float32)
-        reduce_rows(image, self._taps.astype(np.float32), rows)
-        radiance = np.empty((self._window.height, self._window.width), np.float32)
-        reduce_columns(rows, self._taps.astype(np.float32), radiance)
-        out = np.empty(radiance.shape, np.uint16)
-        quantize(radiance, self.levels.low, self.levels.step, out)
+        face_of = np.concatenate([[0], np.repeat(np.arange(len(shade)), np.diff(buffers.parts)[:, 0])])
+        radiance = shade[face_of].astype(np.float32)
+        radiance[0] = self._light.background
+
+        rasterize(corners, planes, buffers.ids, buffers.depth, buffers.extent)
+        samples = (buffers.ids, buffers.depth, buffers.extent)
+        surfaces = (planes, face_of, buffers.parts, self._neighbours)
+        gather(samples, surfaces, radiance, self._taps, buffers.rows)
+        out = np.full((window.height, window.width), self._background, np.uint16)
+        develop(buffers.rows, buffers.extent, self._taps, (*self._steps, radiance[0]), out)
         return out
+
+    def _tessellate(self, buffers: _Scratch, X: NDArray[np.float64]) -> int:
+        """Fill `corners` and `parts`; return the number of triangles."""
+        field = self._field
+        tolerance = CHORD_ERROR_PX if np.isfinite(field.radius) else np.inf
+        lens = (field.bending, field.bins, tolerance)
+        arguments = (X, self._model.faces, (field.normals, field.radius), lens)
+        count = int(tessellate(*arguments, buffers.corners, buffers.parts))
+        if count > len(buffers.corners):
+            buffers.reserve(count + count // 4)
+            count = int(tessellate(*arguments, buffers.corners, buffers.parts))
+        return count
+
+    def _to_samples(self, corners: NDArray[np.float64]) -> None:
+        """Take x and y on the plane z = 1 to sample coordinates, in place, shape (M, 3, 3)."""
+        xy = self._camera.distort(corners[:, :, :2].reshape(-1, 2)).reshape(-1, 3, 2)
+        K, first = self._camera.K, np.array([self._window.x, self._window.y])
+        # Sample k lies at sensor position first + (k - margin + 0.5) / 2 - 0.5.
+        scale = OVERSAMPLING * np.array([K[0, 0], K[1, 1]])
+        corners[:, :, :2] = xy * scale + (OVERSAMPLING * (K[:2, 2] - first + 0.5) - 0.5 + self._margin)

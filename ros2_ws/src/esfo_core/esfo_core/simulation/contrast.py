@@ -1,124 +1,200 @@
-"""The event model: a pixel fires when its log intensity has moved by a threshold since its last event.
+"""An event sensor: frames of log intensity in, events out.
 
-As in ESIM (Rebecq et al., CoRL 2018): between two rendered frames the log intensity is taken as linear, and the time of
-each crossing is interpolated. Thresholds differ from pixel to pixel; background activity is a Poisson process.
+Pixels, noise and read-out are modules of their own; here they are put together.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from esfo_core.events import EventArray, make_events
-from esfo_core.options import option
+from esfo_core.errors import SimulationError
+from esfo_core.events import EventArray
+from esfo_core.options import check
+from esfo_core.orbit import NANOSECONDS
+from esfo_core.simulation.illumination import Flicker, low_pass
+from esfo_core.simulation.photoreceptor import time_constants
+from esfo_core.simulation.pixels import Exposure, Response, expose, mark_active, renew_bands
+from esfo_core.simulation.readout import ReadOut
 from esfo_core.simulation.renderer import Levels
+from esfo_core.simulation.sensor_noise import ShotNoise, Variation, vary
+from esfo_core.simulation.sensor_options import SensorOptions
 
-Image = NDArray[np.float64]
+__all__ = ["Sensor", "SensorOptions"]
 
-_MICROSECOND = 1000
+Frame = NDArray[np.uint16]
+Column = NDArray[np.float64]
+Requests = tuple[Column, NDArray[np.int64]]
 
-
-@dataclass(frozen=True)
-class SensorOptions:
-    """The pixel of an event camera."""
-
-    threshold: float = option(0.3, "change of log intensity that makes an event", 0.02, 5.0)
-    mismatch: float = option(0.03, "standard deviation of the threshold over the pixels, relative", 0.0, 0.3)
-    refractory_us: float = option(100.0, "dead time of a pixel after an event, us", 0.0, 1e6)
-    noise_hz: float = option(0.1, "background activity of a pixel, events per second", 0.0, 1e4)
-
-
-@njit(cache=True, nogil=True)
-def count_crossings(current: Image, reference: Image, threshold: Image) -> int:
-    """Upper bound of the number of events that the step to `current` (H, W) makes."""
-    total = 0
-    for y in range(current.shape[0]):
-        for x in range(current.shape[1]):
-            total += int(abs(current[y, x] - reference[y, x]) / threshold[y, x]) + 1
-    return total
+_BRIGHTEST = 65535
+_BLOCK_NS = 2e7
+_BAND_NS = 5e7
+_FIRST_ROWS = 4096
 
 
-@njit(cache=True, nogil=True)
-def emit_crossings(
-    frames: tuple[Image, Image],
-    span: tuple[float, float],
-    threshold: Image,
-    refractory: float,
-    state: tuple[Image, Image],
-    out: NDArray[np.int64],
-) -> int:
-    """Write the events of one step into out (N, 4) as x, y, p, t in ns; return how many, pixel by pixel.
-
-    frames: log intensity (H, W) at both ends of span, ns. threshold: (H, W). refractory: ns. state: reference level
-    and time of the last event (H, W), changed in place. A crossing within the dead time moves the reference, but makes
-    no event.
-    """
-    before, after = frames
-    begin, end = span
-    reference, last = state
-    n = 0
-    for y in range(before.shape[0]):
-        for x in range(before.shape[1]):
-            a, b, c = before[y, x], after[y, x], threshold[y, x]
-            if a == b:
-                continue
-            sign = 1.0 if b > a else -1.0
-            while sign * (b - reference[y, x]) >= c:
-                reference[y, x] += sign * c
-                # A level that the random start left behind the frame is crossed at once.
-                share = min(max((reference[y, x] - a) / (b - a), 0.0), 1.0)
-                t = begin + (end - begin) * share
-                if t - last[y, x] >= refractory:
-                    last[y, x] = t
-                    out[n, 0], out[n, 1] = x, y
-                    out[n, 2] = 1 if sign > 0 else 0
-                    out[n, 3] = int(t)
-                    n += 1
-    return n
-
-
-class Sensor:
-    """Turns frames of a window of the sensor into events of the whole sensor."""
+class Patch:
+    """Pixels that are carried through time together."""
 
     def __init__(
         self,
-        first: NDArray[np.uint16],
+        places: NDArray[np.int64],
+        light: Column,
+        variation: Variation,
+        response: Response,
+        rng: np.random.Generator,
+    ) -> None:
+        """Begin at time 0 with pixels at `places` (N,), row by row, that have seen `light` (N,), log intensity."""
+        mine = variation.at(places)
+        n = len(places)
+        self._response = response
+        self._shots = ShotNoise(mine, rng)
+        leak = mine.leak_hz * mine.on / NANOSECONDS
+        zero = np.zeros(n)
+        self._state = np.stack([places, mine.on, mine.off, leak, light - mine.moved, light, zero, zero], axis=1)
+        # Found at the first step, since they hold for no time.
+        self._band = np.stack([np.zeros(n, np.int32), np.ones(n, np.int32)])
+        self._active = np.empty(n, bool)
+        self._valid = -np.inf
+        self._rows = np.empty((_FIRST_ROWS, 2), np.int64)
+
+    def expose(self, before: Frame, after: Frame, levels: Levels, lamp: tuple[Column, Column]) -> Requests:
+        """Return the events of one step: times (M,) in ns and codes, see `ReadOut.push`.
+
+        before, after: levels (N,) at both ends. lamp: borders and flicker, see `Exposure`.
+        """
+        borders, flicker = lamp
+        begin, end = float(borders[0]), float(borders[-1])
+        if end > self._valid:
+            self._valid = end + _BAND_NS
+            renew_bands(self._state, self._band, (levels.low, levels.step), self._valid)
+        margin = (int(np.floor(flicker.min() / levels.step)), int(np.ceil(flicker.max() / levels.step)))
+        exposure = Exposure(
+            before, after, levels.low, levels.step, borders, flicker, margin, self._valid, self._response
+        )
+        shots = self._shots.between(begin, end)
+        mark_active(self._band, exposure, self._active)
+        self._active[shots.pixel] = True
+        active = np.flatnonzero(self._active)
+        self._rows = expose(self._state, self._band, active, exposure, shots, self._rows)
+        rows = self._rows[1 : self._rows[0, 0] + 1]
+        return rows[:, 0].astype(np.float64), rows[:, 1].copy()
+
+
+class Surround:
+    """The pixels outside the window, which see constant radiance under the same lamp: whole blocks of time at once."""
+
+    def __init__(self, patch: Patch, level: int, count: int, levels: Levels, lamp: tuple[Flicker, float]) -> None:
+        """Take `count` pixels that see `level`; lamp: the flicker, and the time constant of these pixels, ns."""
+        self._patch, self._levels = patch, levels
+        self._frame = np.full(count, level, np.uint16)
+        self._flicker, self._tau = lamp
+        self._signal, self._done = 0.0, 0.0
+        self._waiting: Requests = (np.empty(0), np.empty(0, np.int64))
+
+    def until(self, end: float) -> Requests:
+        """Return the events from the last call to `end`, ns."""
+        while self._done < end:
+            self._block()
+        times, codes = self._waiting
+        ready = int(np.searchsorted(times, end))
+        self._waiting = (times[ready:], codes[ready:])
+        return times[:ready], codes[:ready]
+
+    def _block(self) -> None:
+        borders = self._flicker.borders(self._done, self._done + _BLOCK_NS)
+        # All see the same light, so the low pass is computed once.
+        signal = low_pass(borders, self._flicker.at(borders), self._signal, self._tau)
+        times, codes = self._patch.expose(self._frame, self._frame, self._levels, (borders, signal))
+        order = np.lexsort((codes, times))
+        times, codes = (
+            np.concatenate([self._waiting[0], times[order]]),
+            np.concatenate([self._waiting[1], codes[order]]),
+        )
+        self._waiting = (times, codes)
+        self._signal, self._done = float(signal[-1]), float(borders[-1])
+
+
+class Sensor:
+    """Turns frames of a window of the sensor into events of the whole sensor.
+
+    Pixels outside the window see the radiance of the first frame's upper left pixel all the time. Everything follows
+    from the frames, the options and the state of `rng`.
+    """
+
+    def __init__(
+        self,
+        first: Frame,
         levels: Levels,
         size: tuple[int, int],
         origin: tuple[int, int],
         options: SensorOptions,
         rng: np.random.Generator,
     ) -> None:
-        """Begin with the frame `first` (H, W), whose upper left pixel is `origin` (x, y) of a sensor `size` (w, h)."""
-        self._levels, self._size, self._origin, self._options, self._rng = levels, size, origin, options, rng
-        before = levels.log_radiance(first)
-        scatter = 1 + options.mismatch * rng.standard_normal(first.shape)
-        self._threshold = options.threshold * np.maximum(scatter, 0.1)
-        # Each pixel has moved by some part of a threshold since its last event before the recording.
-        reference = before + self._threshold * rng.uniform(-1, 1, first.shape)
-        self._state = (reference, np.full(first.shape, -np.inf))
-        self._before = before
+        """Begin with the frame `first` (H, W), whose upper left pixel is `origin` (x, y) of a sensor `size` (w, h).
 
-    def step(self, frame: NDArray[np.uint16], span: tuple[float, float]) -> EventArray:
-        """Return the events, sorted by time, while the log intensity goes linearly to `frame` (H, W) over span, ns."""
-        after = self._levels.log_radiance(frame)
-        capacity = count_crossings(after, self._state[0], self._threshold)
-        out = np.empty((capacity, 4), np.int64)
-        refractory = self._options.refractory_us * _MICROSECOND
-        n = emit_crossings((self._before, after), span, self._threshold, refractory, self._state, out)
-        self._before = after
-        out[:n, :2] += self._origin
-        rows = np.concatenate([out[:n], self._noise(span)])
-        rows[:, 3] -= rows[:, 3] % _MICROSECOND  # sensors give microseconds
-        rows = rows[np.lexsort((rows[:, 2], rows[:, 0], rows[:, 1], rows[:, 3]))]
-        return make_events(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3])
+        Raises OptionError for impossible options and SimulationError for a window that the sensor does not hold.
+        """
+        check(options)
+        (width, height), (x, y) = size, origin
+        if x < 0 or y < 0 or x + first.shape[1] > width or y + first.shape[0] > height:
+            raise SimulationError(
+                f"the window of {first.shape[1]}x{first.shape[0]} at {origin} is not on the {size} sensor"
+            )
+        streams = rng.spawn(4)
+        inside = np.zeros((height, width), bool)
+        inside[y : y + first.shape[0], x : x + first.shape[1]] = True
+        window, surround = (np.flatnonzero(part) for part in (inside, ~inside))
+        variation = vary(width * height, options, streams[0])
+        response = _response(options, levels)
+        self._flicker = Flicker(options.flicker_hz, options.flicker_depth)
+        self._levels, self._options, self._width, self._jitter = levels, options, width, streams[3]
+        self._window = Patch(window, levels.log_radiance(first).ravel(), variation, response, streams[1])
+        around = np.full(len(surround), levels.low + int(first[0, 0]) * levels.step)
+        patch = Patch(surround, around, variation, response._replace(tau=np.empty(0)), streams[2])
+        tau = float(response.tau[first[0, 0]]) if options.bandwidth_hz else 0.0
+        self._surround = Surround(patch, int(first[0, 0]), len(surround), levels, (self._flicker, tau))
+        self._before = np.array(first)
+        self._start: float | None = None
+        self._now = 0.0
+        self._read_out: ReadOut | None = None
 
-    def _noise(self, span: tuple[float, float]) -> NDArray[np.int64]:
-        width, height = self._size
-        expected = self._options.noise_hz * width * height * (span[1] - span[0]) / 1e9
-        n = int(self._rng.poisson(expected))
-        columns = [self._rng.integers(0, high, n) for high in (width, height, 2)]
-        return np.stack([*columns, self._rng.uniform(*span, n).astype(np.int64)], axis=1)
+    @property
+    def dropped(self) -> int:
+        """Events that the read-out has lost because its queue was full."""
+        return self._read_out.dropped if self._read_out else 0
+
+    def step(self, frame: Frame, span: tuple[float, float]) -> EventArray:
+        """Return the events that leave while the log intensity goes linearly to `frame` (H, W) over span, ns.
+
+        They are sorted by time, over all steps; a busy read-out stamps events later than the span's end. Raises
+        SimulationError for a frame of another shape and for a span that does not follow the last one.
+        """
+        if frame.shape != self._before.shape:
+            raise SimulationError(f"a frame of shape {frame.shape} follows one of {self._before.shape}")
+        if self._read_out is None or self._start is None:
+            self._start = span[0]
+            self._now = span[0]
+            self._read_out = ReadOut(self._width, int(span[0]), self._options, self._jitter)
+        if span[0] != self._now or not span[1] > span[0]:
+            raise SimulationError(f"the step {span[0]}..{span[1]} ns does not follow {self._now} ns")
+        begin, end = span[0] - self._start, span[1] - self._start
+        borders = self._flicker.borders(begin, end)
+        after = np.array(frame)
+        lamp = self._flicker.at(borders)
+        events = self._window.expose(self._before.ravel(), after.ravel(), self._levels, (borders, lamp))
+        parts = [events, self._surround.until(end)]
+        self._before, self._now = after, span[1]
+        times, codes = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return self._read_out.push(times, codes, end)
+
+    def flush(self) -> EventArray:
+        """Return the events that the sensor still holds after the last step."""
+        if self._read_out is None:
+            raise SimulationError("the sensor has seen no step yet")
+        return self._read_out.flush()
+
+
+def _response(options: SensorOptions, levels: Levels) -> Response:
+    light = levels.log_radiance(np.arange(_BRIGHTEST + 1, dtype=np.uint16))
+    tau = time_constants(light, float(light[-1]), options.bandwidth_hz) if options.bandwidth_hz else np.empty(0)
+    return Response(tau, float(light[-1]), options.refractory_us * 1e3)

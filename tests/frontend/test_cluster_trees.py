@@ -7,7 +7,7 @@ import pytest
 from hdbscan import HDBSCAN
 from hdbscan._hdbscan_linkage import label
 from hdbscan.hdbscan_ import _tree_to_labels
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.sparse.csgraph import minimum_spanning_tree as scipy_spanning_tree
 
@@ -113,6 +113,16 @@ def test_spanning_tree_is_a_minimum_one(seed, n, on_pixels, k):
     np.testing.assert_allclose(np.sort(distance), spanning_weights(matrix), rtol=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_spanning_tree_of_many_points_is_as_short_as_that_of_hdbscan(seed):
+    points = blobs(seed, 4000) * [3.0, 3.0, 1.0]
+    _, distance = minimum_spanning_tree(build_tree(points), 10)
+    model = HDBSCAN(min_cluster_size=10, approx_min_span_tree=False, core_dist_n_jobs=1, gen_min_span_tree=True)
+    model.fit(points)
+    expected = model.minimum_spanning_tree_.to_numpy()[:, 2]
+    np.testing.assert_allclose(np.sort(distance), np.sort(expected), rtol=1e-12)
+
+
 def test_twin_of_the_spanning_tree_agrees_with_scipy():
     matrix = reachability(blobs(1, 100), 10)
     np.testing.assert_allclose(spanning_weights(matrix), np.sort(scipy_spanning_tree(matrix).data), rtol=1e-12)
@@ -128,6 +138,7 @@ def test_spanning_tree_of_points_on_top_of_each_other_or_in_line(points):
 
 
 @settings(deadline=None, max_examples=150)
+@example(seed=1, n=100, on_pixels=True, min_size=2, epsilon=5.0)  # a split at epsilon exactly
 @given(**inputs, min_size=st.integers(2, 12), epsilon=st.sampled_from([0.0, 0.5, 2.0, 5.0, 100.0]))
 def test_flat_clusters_of_a_tree_are_those_of_hdbscan(seed, n, on_pixels, min_size, epsilon):
     """From the same sorted edges the package must come to the same clusters, ties or not."""

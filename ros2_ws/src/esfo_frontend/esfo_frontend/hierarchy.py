@@ -110,12 +110,11 @@ def _select(above, birth, mass, epsilon):  # type: ignore[no-untyped-def]
     """Return for each condensed cluster (C,) the nearest selected one at or above it, or NOISE."""
     number = len(above)
     selected, covered = np.zeros(number, np.bool_), np.zeros(number, np.bool_)
-    # Single precision as in the package: it decides near ties.
-    below = np.zeros(number, np.float32)
+    below = np.zeros(number)
     # A cluster has a higher number than that it was split off from.
     for c in range(number - 1, 0, -1):
         selected[c] = not below[c] > mass[c]
-        below[above[c]] += mass[c] if selected[c] else np.float64(below[c])
+        below[above[c]] += mass[c] if selected[c] else below[c]
     for c in range(1, number):
         selected[c] &= not covered[above[c]]
         covered[c] = selected[c] or covered[above[c]]

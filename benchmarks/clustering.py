@@ -1,4 +1,4 @@
-"""What clustering costs for each corner, how that grows and how near it is to the hdbscan package: prints two tables."""
+"""What clustering costs for each corner, how that grows, how near it is to the hdbscan package: two tables."""
 
 from __future__ import annotations
 

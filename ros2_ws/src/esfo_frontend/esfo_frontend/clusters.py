@@ -171,6 +171,8 @@ def stitch(before: NDArray[np.int64], after: NDArray[np.int64]) -> list[tuple[in
     The pair with the most corners in common is matched first; among equals the one with the lower labels.
     """
     both = (before != NOISE) & (after != NOISE)
+    if not both.any():
+        return []
     stride = int(after.max(initial=NOISE)) + 1
     keys, count = np.unique(before[both] * stride + after[both], return_counts=True)
     matched: list[tuple[int, int]] = []

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from esfo_core.camera import Camera
 from esfo_core.orbit import Spin, object_frame
-from esfo_core.simulation.landmarks import choose_points, true_tracks, visible
+from esfo_core.simulation.landmarks import choose_points, corner_vertices, true_tracks, visible
 from esfo_core.simulation.motion import BodyMotion
 from esfo_core.simulation.objects.hubble import hubble
-from esfo_core.simulation.surface import Model
+from esfo_core.simulation.surface import Model, Mosaic, Surface
 
 CAMERA = Camera.pinhole(200, 160, 260.0)
 SPIN = Spin(np.array([0.0, -0.8, -0.6]), 1.0, np.array([0.0, 0.0, 0.8]), 0)
@@ -80,9 +81,30 @@ def test_rows_only_where_a_point_is_seen():
         np.testing.assert_allclose(tracks.uv[(tracks.track_id == k) & (tracks.t == t)], expected, atol=1e-4)
 
 
+def test_corners_of_a_box_a_cylinder_and_patches():
+    box = trimesh.creation.box((1, 2, 3))
+    assert len(corner_vertices(plain(box))) == 8
+    plate = plain(trimesh.creation.box((1, 2, 3)).subdivide())  # more vertices, no more corners
+    assert len(plate.vertices) > 8
+    assert len(corner_vertices(plate)) == 8
+    assert len(corner_vertices(plain(trimesh.creation.icosphere(3)))) == 0
+    assert len(corner_vertices(plain(trimesh.creation.cylinder(1, 2, sections=64)))) == 0  # round edges, no corner
+    surface = Surface(np.random.default_rng(1))
+    surface.face(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), Mosaic((3, 2), 0.5, (0.1, 0.9), cover=1.0))
+    assert len(corner_vertices(surface.build())) == 4 + 4 * 6
+
+
+def plain(mesh):
+    return Model(np.asarray(mesh.vertices), np.asarray(mesh.faces, np.int32), np.full(len(mesh.faces), 0.5))
+
+
 @pytest.mark.parametrize("count", [10, 10**6])
 def test_no_point_is_chosen_twice(count):
     model = hubble(1)
     points = choose_points(model, count, 0)
-    assert len(points) == min(count, len(np.unique(model.vertices, axis=0)))
-    assert (np.diff(points) > 0).all()
+    assert len(points) == min(count, len(corner_vertices(model)))
+    assert len(np.unique(model.vertices[points], axis=0)) == len(points)
+
+
+def test_a_body_without_corners_has_points_all_the_same():
+    assert len(choose_points(plain(trimesh.creation.icosphere(2)), 50, 0)) == 50

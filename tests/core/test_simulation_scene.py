@@ -187,3 +187,11 @@ def test_the_scenes_of_the_paper():
     )
     assert {"hubble-topdown-fast", "tdrs-sideon-med", "camera-diagonal-fast"} < set(scenes)
     assert scenes["camera-diagonal-fast"] == replace(SMALL, object="camera", view="diagonal", speed="fast")
+
+
+def test_what_the_read_out_loses_is_said(tmp_path):
+    sensor = SensorOptions(readout_mevs=0.05, readout_queue=100)
+    truth = write_scene(replace(SMALL, revolutions=0.2, sensor=sensor), tmp_path / "scene.mcap")
+    content = json.loads((tmp_path / "scene.truth.json").read_text())
+    assert content["events_lost"] == truth.lost > 0
+    assert truth.events <= 0.05e6 * 0.1 + 100

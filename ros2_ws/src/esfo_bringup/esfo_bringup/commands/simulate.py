@@ -12,6 +12,7 @@ from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
 from esfo_core.options import parse_assignments, replace
+from esfo_core.orbit import NANOSECONDS
 from esfo_core.simulation.handheld import HandheldOptions
 from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.rooms import ROOMS
@@ -69,8 +70,9 @@ def _handheld(args: argparse.Namespace) -> int:
         raise CommandError(f"{', '.join(given)} cannot be used with --handheld")
     scene = replace(HandheldOptions(), {"scene": args.handheld, **parse_assignments(args.set)})
     with share_bar("simulating") as bar:
-        count = write_handheld(scene, args.output, lambda share: advance(bar, share))
-    print(f"written     {args.output}: {count} events in {scene.duration_s:g} s, poses at 200 Hz in groundtruth.txt")
+        count, lost = write_handheld(scene, args.output, lambda share: advance(bar, share))
+    print(f"written     {args.output}: {count} events in {scene.duration_s:g} s{_lost(lost)}")
+    print("truth       poses at 200 Hz in groundtruth.txt")
     return 0
 
 
@@ -92,5 +94,10 @@ def _topspin(base: SceneOptions, folder: Path) -> int:
 def _say(truth: Truth, path: Path) -> None:
     spin, kind = truth.spin, truth.motion.kind.replace("_", " ")
     x, y, z = spin.axis
-    print(f"written     {path}: {truth.events} events in {(truth.span[1] - truth.span[0]) / 1e9:.3f} s")
+    seconds = (truth.span[1] - truth.span[0]) / NANOSECONDS
+    print(f"written     {path}: {truth.events} events in {seconds:.3f} s{_lost(truth.lost)}")
     print(f"truth       {kind}, {spin.rate_hz} Hz about ({x:+.4f}, {y:+.4f}, {z:+.4f}), {path.stem}.truth.json")
+
+
+def _lost(events: int) -> str:
+    return f", {events} more lost in the read-out" if events else ""

@@ -15,6 +15,15 @@ from esfo_core.tracks import Tracks
 _TOLERANCE = 1e-4
 """A surface hides a point when it is nearer by more than this share of the distance: a patch lies on its own face."""
 
+_STRAIGHT = (150.0, 210.0)
+"""Degrees: a sector between these has a straight border."""
+
+_AROUND = 340.0
+"""Degrees: a sector beyond has no border."""
+
+_ALIKE = float(np.cos(np.radians(20)))
+"""Faces whose normals differ by less than 20 degrees continue each other: a round body has 18 sides or more."""
+
 SIGMA_PX = 1e-3
 """Standard deviation that the rows of true tracks state: they are exact."""
 
@@ -47,11 +56,41 @@ def occluded(uv, inverse_depth, faces, points, hidden):  # type: ignore[no-untyp
             hidden[k] = z > inverse_depth[points[k]] * (1.0 + _TOLERANCE)
 
 
+def corner_vertices(model: Model) -> NDArray[np.int64]:
+    """Return the vertices at which a corner is seen, one for each place: sorted indices (P,).
+
+    All faces at a place that are of one albedo and of nearly one direction form a sector; a place is a corner when the
+    border of one of its sectors turns there, like that of a patch, a plate or a box. A smooth round body of one albedo
+    has none.
+    """
+    _, first, place = np.unique(model.vertices, axis=0, return_index=True, return_inverse=True)
+    place = place.ravel()
+    a = model.vertices[model.faces]
+    before, after = np.roll(a, 1, axis=1) - a, np.roll(a, -1, axis=1) - a
+    cosine = np.einsum("fki,fki->fk", before, after)
+    angle = np.arccos(
+        np.clip(cosine / np.maximum(np.linalg.norm(before, axis=2) * np.linalg.norm(after, axis=2), 1e-300), -1, 1)
+    ).ravel()
+    at, face = place[model.faces].ravel(), np.repeat(np.arange(len(model.faces)), 3)
+    order = np.argsort(at, kind="stable")
+    normals = model.normals()
+    found = []
+    for rows in np.split(order, np.flatnonzero(np.diff(at[order])) + 1):
+        f = face[rows]
+        alike = (normals[f] @ normals[f].T > _ALIKE) & (model.albedo[f][:, None] == model.albedo[f])
+        sector = np.degrees(alike @ angle[rows])
+        if ((sector < _STRAIGHT[0]) | ((sector > _STRAIGHT[1]) & (sector < _AROUND))).any():
+            found.append(first[at[rows[0]]])
+    return np.sort(np.array(found, np.int64))
+
+
 def choose_points(model: Model, count: int, seed: int) -> NDArray[np.int64]:
-    """Draw vertices of the model, at most `count`, no two at the same place: sorted indices (P,)."""
-    _, first = np.unique(model.vertices, axis=0, return_index=True)
+    """Draw at most `count` of the corners of the model, or of all its vertices if it has no corner: sorted indices."""
+    found = corner_vertices(model)
+    if not len(found):
+        found = np.unique(model.vertices, axis=0, return_index=True)[1]
     rng = np.random.default_rng([seed, 2])
-    return np.sort(rng.choice(first, min(count, len(first)), replace=False))
+    return np.sort(rng.choice(found, min(count, len(found)), replace=False))
 
 
 def visible(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -107,7 +107,7 @@ class Scene:
         """The camera that watches."""
         return self.simulation.camera
 
-    def chunks(self, progress: Progress | None = None) -> Iterator[EventArray]:
+    def chunks(self, progress: Progress | None = None) -> Generator[EventArray, None, int]:
         """As `Simulation.chunks`."""
         return self.simulation.chunks(progress)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,20 +37,34 @@ def write_scene(options: SceneOptions, path: Path, progress: Progress | None = N
     Raises OptionError, SimulationError, CameraError and RecordingError.
     """
     scene = simulate(options)
-    span: list[int] = []
-
-    def watched() -> Iterator[EventArray]:
-        for events in scene.simulation.chunks(progress):
-            span[:] = [span[0] if span else int(events["t"][0]), int(events["t"][-1])]
-            yield events
-
+    passing = _Passing(scene.chunks(progress))
     truth_path = path.with_suffix(".truth.json")
     truth_path.unlink(missing_ok=True)
-    count = write_mcap(path, watched(), scene.simulation.camera)
-    _write_landmarks(scene, (span[0], span[1]), path)
-    truth = Truth(scene.motion, (span[0], span[1]), count, _values(options))
+    count = write_mcap(path, passing, scene.camera)
+    _write_landmarks(scene, passing.span, path)
+    truth = Truth(scene.motion, passing.span, count, passing.lost, _values(options))
     truth.write_json(truth_path)
     return truth
+
+
+class _Passing:
+    """Chunks of a simulation on their way to a file.
+
+    span: times of the first and the last event so far, ns. lost: events that the read-out lost, known at the end.
+    """
+
+    def __init__(self, chunks: Generator[EventArray, None, int]) -> None:
+        self.span, self.lost = (0, 0), 0
+        self._chunks = chunks
+
+    def __iter__(self) -> Iterator[EventArray]:
+        try:
+            while True:
+                events = next(self._chunks)
+                self.span = (self.span[0] or int(events["t"][0]), int(events["t"][-1]))
+                yield events
+        except StopIteration as end:
+            self.lost = end.value
 
 
 def _write_landmarks(scene: Scene, span: tuple[int, int], path: Path) -> None:
@@ -64,8 +78,10 @@ def _write_landmarks(scene: Scene, span: tuple[int, int], path: Path) -> None:
     tracks.write_csv(path.with_suffix(".tracks.csv"))
 
 
-def write_handheld(options: HandheldOptions, folder: Path, progress: Progress | None = None) -> int:
-    """Simulate a moving camera and write `folder` in the form of the Event Camera Dataset; return the number of events.
+def write_handheld(options: HandheldOptions, folder: Path, progress: Progress | None = None) -> tuple[int, int]:
+    """Simulate a moving camera and write `folder` in the form of the Event Camera Dataset.
+
+    Returns the number of events and how many others the read-out of the sensor lost.
 
     Beside its `events.txt`, `groundtruth.txt` (poses at 200 Hz) and `calib.txt` the same events as `events.mcap`, and
     the scene as `scene.ply`, in the world of the poses. Raises OptionError and RecordingError.
@@ -73,10 +89,11 @@ def write_handheld(options: HandheldOptions, folder: Path, progress: Progress | 
     scene = handheld_scene(options)
     folder.mkdir(parents=True, exist_ok=True)
     recording = folder / "events.mcap"
-    count = write_mcap(recording, scene.simulation.chunks(progress), scene.simulation.camera)
+    passing = _Passing(scene.simulation.chunks(progress))
+    count = write_mcap(recording, passing, scene.simulation.camera)
     write_event_camera_dataset(folder, open_recording(recording).chunks(), scene.trajectory, scene.simulation.camera)
     scene.simulation.model.to_trimesh().export(folder / "scene.ply")
-    return count
+    return count, passing.lost
 
 
 def is_written(options: SceneOptions, path: Path) -> bool:

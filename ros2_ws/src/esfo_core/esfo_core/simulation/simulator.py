@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
-from esfo_core.orbit import Matrix
+from esfo_core.orbit import NANOSECONDS, Matrix
 from esfo_core.simulation.contrast import Sensor, SensorOptions
 from esfo_core.simulation.motion import Motion
 from esfo_core.simulation.renderer import Light, Renderer, Window
@@ -55,10 +55,11 @@ class Simulation:
     seed: int = 0
     max_events: int = 10**12
 
-    def chunks(self, progress: Progress | None = None) -> Iterator[EventArray]:
+    def chunks(self, progress: Progress | None = None) -> Generator[EventArray, None, int]:
         """Yield the events of each step between two frames, sorted by time, ns; steps without events are left out.
 
-        progress: called with the share that is done. Raises SimulationError for more than `max_events` events.
+        progress: called with the share that is done. Returns how many events a busy read-out lost. Raises
+        SimulationError for more than `max_events` events.
         """
         renderer = Renderer(self.model, self.camera, self.window, self.light, BLUR_PX)
         frames = self._frames(renderer)
@@ -66,16 +67,20 @@ class Simulation:
         rng = np.random.default_rng([self.seed, 1])
         sensor = Sensor(next(frames), renderer.levels, size, origin, self.sensor, rng)
         count, steps = 0, len(self.times) - 1
-        for k, frame in enumerate(frames):
-            events = sensor.step(frame, (float(self.times[k]), float(self.times[k + 1])))
+        for k in range(steps + 1):
+            if k < steps:
+                events = sensor.step(next(frames), (float(self.times[k]), float(self.times[k + 1])))
+            else:
+                events = sensor.flush()
             count += len(events)
             if count > self.max_events:
-                seconds = (self.times[k + 1] - self.times[0]) / 1e9
+                seconds = (self.times[min(k + 1, steps)] - self.times[0]) / NANOSECONDS
                 raise SimulationError(f"more than {self.max_events} events after {seconds:.3f} s of the scene")
             if progress is not None:
-                progress((k + 1) / steps)
+                progress((k + 1) / (steps + 1))
             if len(events):
                 yield events
+        return sensor.dropped
 
     def _frames(self, renderer: Renderer) -> Iterator[Frame]:
         """Yield the frames in order. What comes again is kept compressed: a turn is some thousand frames."""

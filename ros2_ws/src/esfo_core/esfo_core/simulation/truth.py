@@ -20,14 +20,15 @@ _HISTORY = 101
 class Truth:
     """Motion of the object, metres, and how it was made.
 
-    motion: from the first frame on. span: times of the first and of the last event, ns. events: their number.
-    options: of the scene, by their dotted names. The camera-aligned object coordinates of `spin` are those of the first
-    event.
+    motion: from the first frame on. span: times of the first and of the last event, ns. events: their number; lost: how
+    many others the read-out of the sensor lost. options: of the scene, by their dotted names. The camera-aligned object
+    coordinates of `spin` are those of the first event.
     """
 
     motion: BodyMotion
     span: tuple[int, int]
     events: int
+    lost: int
     options: Mapping[str, bool | int | float | str]
 
     @property
@@ -49,6 +50,7 @@ class Truth:
         return {
             **{name: self.options[name] for name in ("object", "mesh", "view", "seed")},
             "events": self.events,
+            "events_lost": self.lost,
             "revolutions": float(turns[1] - turns[0]),
             "spin_rate_hz": spin.rate_hz,
             "axis": spin.axis.tolist(),

@@ -31,10 +31,11 @@ _UNIT_TOLERANCE = 1e-3
 
 
 class Trajectory(Protocol):
-    """A camera pose at any time between begin and end of its span, ns."""
+    """A camera pose at any time."""
 
     @property
-    def span(self) -> tuple[int, int]: ...
+    def span(self) -> tuple[int, int]:
+        """Begin and end, ns."""
 
     def camera_poses(self, t: NDArray[np.generic]) -> tuple[Matrix, Matrix]:
         """Return positions (N, 3), metres, and quaternions (N, 4), x y z w, of the camera in the world at t (N,) ns."""

@@ -15,6 +15,7 @@ from esfo_core.orbit import NANOSECONDS
 from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.renderer import Window
 from esfo_core.simulation.rooms import EVEN_LIGHT, ROOMS
+from esfo_core.simulation.scene import START_NS
 from esfo_core.simulation.schedule import frame_times_in_view
 from esfo_core.simulation.simulator import Simulation
 from esfo_core.simulation.trajectory import MOTIONS, HandheldTrajectory, random_trajectory
@@ -27,9 +28,6 @@ DAVIS240C = Camera(
     np.array([-0.36, 0.14, -3e-4, -6e-4, 0.0]),
 )
 """A typical DAVIS240C: a view of 70 by 52 degrees through a wide lens, whose barrel distortion is 50 px in a corner."""
-
-START_NS = 1_000_000_000
-"""Sensor time of the first frame: not 0, which ROS takes for no time."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def handheld_scene(options: HandheldOptions, camera: Camera = DAVIS240C) -> Hand
         times,
         len(times),
         options.sensor,
-        EVEN_LIGHT,
-        options.seed,
+        light=EVEN_LIGHT,
+        seed=options.seed,
     )
     return HandheldScene(options, simulation, trajectory)

@@ -33,4 +33,4 @@ def grains(points: Points, rng: np.random.Generator) -> Points:
     centers = points[rng.choice(len(points), max(len(points) // _CELLS_PER_GRAIN, 1), replace=False)]
     _, nearest = cKDTree(centers).query(points)
     coarse = np.exp(rng.uniform(np.log(0.12), np.log(0.8), len(centers)))[nearest]
-    return np.asarray(np.clip(coarse * np.exp(0.35 * rng.standard_normal(len(points))), 0.05, 0.95))
+    return np.asarray(np.clip(coarse * np.exp(0.5 * rng.standard_normal(len(points))), 0.05, 0.95))

@@ -3,6 +3,7 @@
 import itertools
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -78,15 +79,17 @@ def test_labels_change_over_in_the_middle_of_the_shared_part():
         assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs}) > 2
 
 
-def test_too_few_corners_are_noise():
-    options = ClusterOptions(min_size=10)
-    for n in (0, 1, 2, 10):
+@pytest.mark.parametrize("algorithm", ["boruvka", "hdbscan"])
+def test_too_few_corners_are_noise(algorithm):
+    options = ClusterOptions(min_size=10, algorithm=algorithm)
+    for n in (0, 1, 2, 10, 11, 19):
         corners = make_events(np.zeros(n), np.zeros(n), np.zeros(n), np.arange(n))
         assert cluster(corners, 300.0, options).tolist() == [NOISE] * n
 
 
-def test_labels_are_numbered_by_first_corner():
-    labels = cluster(lines(40)[0], 300.0, ClusterOptions())
+@pytest.mark.parametrize("algorithm", ["boruvka", "hdbscan"])
+def test_labels_are_numbered_by_first_corner(algorithm):
+    labels = cluster(lines(40)[0], 300.0, ClusterOptions(algorithm=algorithm))
     found, first = np.unique(labels[labels != NOISE], return_index=True)
     assert len(found) >= 3
     assert (np.diff(first) > 0).all()
@@ -97,6 +100,7 @@ def test_stitching_takes_the_larger_part_and_never_one_cluster_twice():
     after = np.array([0, 0, 1, 1, 1, 1, 2, 2, -1])
     assert dict(stitch(before, after)) == {1: 5, 2: 7}
     assert stitch(before[:0], after[:0]) == []
+    assert stitch(np.array([-1, 3]), np.array([2, -1])) == []
 
 
 @settings(deadline=None)

@@ -1,5 +1,7 @@
 """`esfo simulate`: many scenes that go on where they stopped, a moving camera, and what cannot be."""
 
+import json
+
 import pytest
 
 from esfo_bringup.cli import main
@@ -7,6 +9,7 @@ from esfo_bringup.commands import simulate
 from esfo_core.recordings import open_recording
 from esfo_core.recordings.event_camera_dataset import read_calib, read_groundtruth
 from esfo_core.simulation.scene_files import topspin
+from esfo_core.simulation.sensors import SENSORS
 
 SMALL = ["-p", "width:=96", "-p", "height:=72", "-p", "rate_hz:=5.0", "--revolutions", "0.1"]
 
@@ -43,9 +46,20 @@ def test_a_moving_camera(tmp_path):
     assert read_calib(tmp_path / "calib.txt").width == bag.width == 240
 
 
+def test_a_sensor_by_name(tmp_path):
+    path = tmp_path / "scene.mcap"
+    assert run("--sensor", "davis346", "--lens", "8", "--revolutions", "0.02", "-o", path) == 0
+    recording = open_recording(path)
+    assert (recording.width, recording.height) == (346, 260)
+    assert recording.camera.focal_px == pytest.approx(8000 / 18.5)
+    truth = json.loads((tmp_path / "scene.truth.json").read_text())
+    assert truth["options"]["sensor.threshold_off"] == SENSORS["davis346"].options.threshold_off
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
+        (["--lens", "8", "-o", "s.mcap"], "--lens needs a --sensor"),
         (["--handheld", "shapes", "--view", "sideon"], "--view cannot be used with --handheld"),
         (["-p", "distance_m:=0.1", "-o", "s.mcap"], "the object reaches the camera"),
         (["-p", "distance_m:=0.4", "-o", "s.mcap"], "the object leaves the view"),

@@ -18,8 +18,10 @@ from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.rooms import ROOMS
 from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
 from esfo_core.simulation.scene_files import is_written, topspin, write_handheld, write_scene
+from esfo_core.simulation.sensors import SENSORS
 from esfo_core.simulation.truth import Truth
 
+_LONGEST_LENS_MM = 1e4
 _NAMED = ("object", "mesh", "view", "speed", "camera", "revolutions")
 
 
@@ -38,6 +40,10 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     rates = ", ".join(f"{name} {rate} Hz" for name, rate in SPEEDS_HZ.items())
     parser.add_argument("--speed", choices=(*SPEEDS_HZ, "still"), help=f"{rates} (default {default.speed})")
     parser.add_argument("--revolutions", type=float, help=f"turns (default {default.revolutions})")
+    parser.add_argument("--sensor", choices=SENSORS, help=f"(default: one of {default.width}x{default.height} px)")
+    parser.add_argument(
+        "--lens", type=float, default=0.0, metavar="MM", help="focal length of the lens on --sensor"
+    )
     parser.add_argument("--camera", metavar="YAML", help="calibration with lens distortion, as ROS writes it")
     add_assignments(parser, "any other option of the scene")
     parser.add_argument(
@@ -50,7 +56,11 @@ def execute(args: argparse.Namespace) -> int:
     """Simulate and write recording, truth, mesh and true tracks."""
     if args.handheld:
         return _handheld(args)
-    base = SceneOptions()
+    if args.lens and not args.sensor:
+        raise CommandError("--lens needs a --sensor")
+    if not 0 <= args.lens < _LONGEST_LENS_MM:
+        raise CommandError(f"--lens is {args.lens} mm, not within 0 to {_LONGEST_LENS_MM:g}")
+    base = SceneOptions.of_sensor(args.sensor, args.lens) if args.sensor else SceneOptions()
     named = {name: getattr(args, name) for name in _NAMED if getattr(args, name) is not None}
     scene = replace(base, {**named, **parse_assignments(args.set)})
     if args.topspin:
@@ -65,7 +75,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _handheld(args: argparse.Namespace) -> int:
-    given = [f"--{name}" for name in _NAMED if getattr(args, name) is not None]
+    given = [f"--{name}" for name in (*_NAMED, "sensor") if getattr(args, name) is not None]
     if given:
         raise CommandError(f"{', '.join(given)} cannot be used with --handheld")
     scene = replace(HandheldOptions(), {"scene": args.handheld, **parse_assignments(args.set)})

@@ -18,6 +18,7 @@ from esfo_core.simulation.motion import BodyMotion
 from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.objects.mesh import read_mesh
 from esfo_core.simulation.renderer import BLUR_REACH, Window
+from esfo_core.simulation.sensors import sensor_model
 from esfo_core.simulation.simulator import Progress, Simulation, frame_times
 from esfo_core.simulation.surface import Model
 
@@ -82,6 +83,17 @@ class SceneOptions:
     max_events: int = option(500_000_000, "a scene of more events is refused", 1, 10**12)
     motion: MotionOptions = field(default_factory=MotionOptions)
     sensor: SensorOptions = field(default_factory=SensorOptions)
+
+    @staticmethod
+    def of_sensor(name: str, focal_mm: float = 0.0) -> SceneOptions:
+        """Return the defaults with the pixels of a named sensor, behind a lens of focal_mm mm; 0: 5/3 of the height.
+
+        Raises SimulationError for an unknown name.
+        """
+        sensor = sensor_model(name)
+        return SceneOptions(
+            width=sensor.width, height=sensor.height, focal_px=sensor.focal_px(focal_mm), sensor=sensor.options
+        )
 
     @property
     def spin_rate_hz(self) -> float:

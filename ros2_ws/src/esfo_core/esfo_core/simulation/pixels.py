@@ -130,6 +130,19 @@ def mark_active(band: Band, exposure: Exposure, active: Flags) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def catch_up(state: State, active: Indices, exposure: Exposure) -> None:
+    """Bring the pixels `active` (M,), to which nothing has happened meanwhile, to the beginning of the step."""
+    begin, flicker = exposure.borders[0], exposure.flicker[0]
+    filtered = len(exposure.response.tau) > 0
+    # In a loop of its own, since the pixels lie far apart in memory: here their loads overlap.
+    for i in active:
+        if not filtered:
+            state[i, SIGNAL] = exposure.low + exposure.before[i] * exposure.step + flicker
+        state[i, REFERENCE] -= state[i, LEAK] * (begin - state[i, SINCE])
+        state[i, SINCE] = begin
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def expose(state: State, band: Band, active: Indices, exposure: Exposure, shots: Shots, out: Rows) -> Rows:
     """Carry the pixels `active` (M,), sorted, through one step and return their events in the form of `write_event`.
 
@@ -138,17 +151,14 @@ def expose(state: State, band: Band, active: Indices, exposure: Exposure, shots:
     """
     out[0, 0] = 0
     before, after, lamp = exposure.before, exposure.after, (exposure.borders, exposure.flicker)
-    low, step, begin = exposure.low, exposure.step, exposure.borders[0]
+    low, step = exposure.low, exposure.step
     taus, refractory = exposure.response.tau, exposure.response.refractory
     filtered, steady = len(taus) > 0, exposure.margin == (0, 0)
+    catch_up(state, active, exposure)
     k = 0
     for i in active:
         a, b = np.int64(before[i]), np.int64(after[i])
         light = (low + a * step, low + b * step, taus[(a + b) // 2] if filtered else 0.0)
-        if not filtered:
-            state[i, SIGNAL] = light[0] + exposure.flicker[0]
-        state[i, REFERENCE] -= state[i, LEAK] * (begin - state[i, SINCE])
-        state[i, SINCE] = begin
         first = k
         while k < len(shots.pixel) and shots.pixel[k] == i:
             k += 1

@@ -8,7 +8,8 @@ import pytest
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.orbit import rotation
-from esfo_core.simulation.exposure import blur_row, blur_taps, develop, whole_steps
+from esfo_core.simulation.borders import blur_row
+from esfo_core.simulation.exposure import blur_taps, develop, whole_steps
 from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.rasterizer import PLANE, rasterize
 from esfo_core.simulation.renderer import Light, Renderer, Window
@@ -39,7 +40,7 @@ def slow_rasterize(corners, shape):
 def rasterized(corners, shape):
     planes, ids, depth = np.zeros((len(corners) + 1, PLANE)), np.zeros(shape, np.int32), np.zeros(shape, np.float32)
     extent = np.tile(np.array([shape[1], -1]), (shape[0], 1))
-    rasterize(corners, planes, ids, depth, extent)
+    rasterize(np.pad(corners, ((0, 0), (0, 0), (0, 1))), planes, ids, depth, extent)
     return ids, depth, extent
 
 

@@ -1,4 +1,4 @@
-"""Samples to sensor: the optical blur, and the logarithm in whole steps.
+"""Rows to sensor: the optical blur, and the logarithm in whole steps.
 
 The grid of samples is twice as fine as the sensor. Only what was drawn to is touched, and the buffers are left as they
 were found, so that a frame costs what the object covers.
@@ -9,8 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-
-from esfo_core.simulation.rasterizer import place_flat_borders, shade_row
 
 OVERSAMPLING = 2
 # Beyond so many standard deviations all of a Gaussian weighs less than 1e-5.
@@ -31,25 +29,6 @@ def blur_taps(blur_px: float) -> NDArray[np.float32]:
     reach = int(np.ceil(_REACH_SIGMA * sigma))
     weights = np.exp(-0.5 * ((np.arange(-reach, reach) + 0.5) / sigma) ** 2)
     return np.asarray(weights / weights.sum(), np.float32)
-
-
-@njit(cache=True, nogil=True)
-def blur_row(fine, taps, split, out):  # type: ignore[no-untyped-def]
-    """Blur and halve a row: out[j] = sum_k taps[k] fine[2 j + k].
-
-    fine: (2 W + K - 2,), taps: (K,), out: (W,); split: (2, W + K / 2 - 1 or more), scratch: even and odd samples apart.
-    """
-    even, odd = split[0], split[1]
-    for j in range(len(fine) // 2):
-        even[j] = fine[2 * j]
-        odd[j] = fine[2 * j + 1]
-    for j in range(len(out)):
-        out[j] = np.float32(0.0)
-    for k in range(len(taps) // 2):
-        a, b = taps[2 * k], taps[2 * k + 1]
-        e, o = even[k:], odd[k:]
-        for j in range(len(out)):
-            out[j] += a * e[j] + b * o[j]
 
 
 @njit(cache=True, nogil=True)
@@ -75,55 +54,6 @@ def fill(row, value):  # type: ignore[no-untyped-def]
     """Set all of a row: several times as fast as an assignment to a slice."""
     for x in range(len(row)):
         row[x] = value
-
-
-@njit(cache=True, nogil=True)
-def widened(extent, width):  # type: ignore[no-untyped-def]
-    """Return extent (H, 2) with one column more on each side, which a border may reach, and one empty row more."""
-    out = np.empty((len(extent) + 1, 2), np.int64)
-    for y in range(len(extent)):
-        drawn = extent[y, 1] >= 0
-        out[y, 0] = max(extent[y, 0] - 1, 0) if drawn else width
-        out[y, 1] = min(extent[y, 1] + 1, width - 1) if drawn else -1
-    out[-1, 0], out[-1, 1] = width, -1
-    return out
-
-
-@njit(cache=True, nogil=True)
-def gather(samples, surfaces, shade, taps, rows):  # type: ignore[no-untyped-def]
-    """Shade the samples row by row, blur and halve each row.
-
-    samples: ids and depth (H, W) and extent (H, 2) as the rasteriser leaves them. surfaces: as in surface_end; shade:
-    radiance by row of ids, row 0 the background. rows: (H, w), receives the result where it may differ from the
-    background. Leaves ids and depth zero, and in extent the first and last column that was written to `rows`.
-    """
-    ids, depth, extent = samples
-    height, width = ids.shape
-    touched = np.flatnonzero(extent[:, 1] >= 0)
-    if len(touched) == 0:
-        return
-    top, bottom = max(touched[0] - 1, 0), min(touched[-1] + 1, height - 1)
-    # Row -1 of columns is the empty one, too.
-    columns = widened(extent, width)
-    plain, sharp = np.full((2, width), shade[0]), np.full((2, width), shade[0])
-    split = np.empty((2, width // 2), np.float32)
-    shade_row(top, ids, surfaces, shade, columns[top], plain[0])
-    sharp[0] = plain[0]
-    for y in range(top, bottom + 1):
-        above, here, below = columns[y - 1], columns[y], columns[y + 1]
-        if y < bottom:
-            fill(plain[1], shade[0])
-            shade_row(y + 1, ids, surfaces, shade, below, plain[1])
-            sharp[1] = plain[1]
-            both = (min(here[0], below[0]), max(here[1], below[1]))
-            place_flat_borders(y, ids, surfaces, shade, both, (plain, sharp))
-        first, last = min(above[0], here[0], below[0]), max(above[1], here[1], below[1])
-        j0, j1 = max((first - len(taps) + 2) // 2, 0), min(last // 2, rows.shape[1] - 1)
-        blur_row(sharp[0, 2 * j0 : 2 * j1 + len(taps)], taps, split, rows[y, j0 : j1 + 1])
-        fill(ids[y, first : last + 1], 0)
-        fill(depth[y, first : last + 1], np.float32(0.0))
-        extent[y, 0], extent[y, 1] = j0, j1
-        plain[0], sharp[0] = plain[1], sharp[1]
 
 
 @njit(cache=True, nogil=True)

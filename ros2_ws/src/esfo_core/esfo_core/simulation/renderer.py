@@ -1,8 +1,8 @@
 """Rendering: a model in any pose as a quantised log-intensity image.
 
 The faces are cut and halved until the lens bends none of them (tessellation), drawn with a depth buffer on a grid twice
-as fine as the sensor, their borders put into place (rasterizer), then blurred and stored as whole steps of log radiance
-(exposure). Each is a few compiled loops without the interpreter lock, so that frames can be rendered in threads.
+as fine as the sensor (rasterizer), their borders put into place (borders), then blurred and stored as whole steps of
+log radiance (exposure). Each is a few compiled loops without the interpreter lock, so that threads can share the work.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
-from esfo_core.simulation.exposure import OVERSAMPLING, blur_taps, develop, gather, whole_steps
+from esfo_core.simulation.borders import gather
+from esfo_core.simulation.exposure import OVERSAMPLING, blur_taps, develop, whole_steps
 from esfo_core.simulation.rasterizer import PLANE, rasterize
 from esfo_core.simulation.surface import Model
 from esfo_core.simulation.tessellation import CHORD_ERROR_PX, field_of, neighbours, tessellate
@@ -67,12 +68,12 @@ class _Scratch(threading.local):
         self.ids, self.depth = np.zeros((height, width), np.int32), np.zeros((height, width), np.float32)
         self.extent = np.tile(np.array([width, -1]), (height, 1))
         self.rows = np.full((height, window.width), background, np.float32)
-        self.parts = np.zeros((faces, 2), np.int32)
+        self.parts = np.zeros((faces, 3), np.int32)
         self.reserve(0)
 
     def reserve(self, triangles: int) -> None:
         """Make room for so many triangles; what was stored is lost."""
-        self.corners = np.empty((triangles, 3, 3))
+        self.corners = np.empty((triangles, 3, 4))
         self.planes = np.zeros((triangles + 1, PLANE))
 
 
@@ -122,7 +123,7 @@ class Renderer:
         self._to_samples(corners)
         facing = np.maximum(self._normals @ (R.T @ np.array(self._light.direction)), 0.0)
         shade = self._model.albedo * (self._light.ambient + self._light.diffuse * facing)
-        face_of = np.concatenate([[0], np.repeat(np.arange(len(shade)), np.diff(buffers.parts)[:, 0])])
+        face_of = np.concatenate([[0], np.repeat(np.arange(len(shade)), buffers.parts[:, 1] - buffers.parts[:, 0])])
         radiance = shade[face_of].astype(np.float32)
         radiance[0] = self._light.background
 
@@ -147,7 +148,7 @@ class Renderer:
         return count
 
     def _to_samples(self, corners: NDArray[np.float64]) -> None:
-        """Take x and y on the plane z = 1 to sample coordinates, in place, shape (M, 3, 3)."""
+        """Take x and y on the plane z = 1 to sample coordinates, in place, shape (M, 3, 4)."""
         xy = self._camera.distort(corners[:, :, :2].reshape(-1, 2)).reshape(-1, 3, 2)
         K, first = self._camera.K, np.array([self._window.x, self._window.y])
         # Sample k lies at sensor position first + (k - margin + 0.5) / 2 - 0.5.

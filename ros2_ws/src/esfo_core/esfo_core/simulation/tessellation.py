@@ -23,7 +23,12 @@ CHORD_ERROR_PX = 0.05
 NEAR_M = 1e-3
 """Nothing nearer to the camera's plane than this is drawn."""
 
+CUT = -2
+"""Origin of an edge of a face that was cut: may be anything."""
+
+_INNER = -1
 _SIDES = 32
+_RAYS = 128
 _BINS = 256
 _WIDEST = np.radians(89.0)
 # A triangle has 3 corners, one more after the near plane, and at most one more for each side of the field.
@@ -55,10 +60,9 @@ def field_of(camera: Camera, low: Points, high: Points) -> Field:
     It ends where the image folds back, if it does so within those pixels: rays further out are lost at the rim of the
     lens, and the polynomial that puts them back into the image means nothing there.
     """
-    angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    r = np.tan(np.linspace(0.0, _WIDEST, 2000))
-    points = r[:, None, None] * normals
+    normals = _directions(_SIDES)
+    points = np.tan(np.linspace(0.0, _WIDEST, 500))[:, None, None] * _directions(_RAYS)
+    r = points[:, 0, 0]
     if np.array_equal(camera.distort(points.reshape(-1, 2)), points.reshape(-1, 2)):
         return Field(normals, np.inf, np.zeros(_BINS))
     focal, centre = np.diag(camera.K)[:2], camera.K[:2, 2]
@@ -72,12 +76,19 @@ def field_of(camera: Camera, low: Points, high: Points) -> Field:
     opens = J[0][..., 0] * J[1][..., 1] - J[0][..., 1] * J[1][..., 0] > 0
     folds = np.logical_not(opens.all(axis=1))
     fold = r[max(int(np.argmax(folds)) - 1, 1)] if folds.any() else r[-1]
+    # A corner may lie between two rays; it is as far off them as they are apart, at most.
+    slack = 2 * np.pi / _RAYS * np.linalg.norm(np.maximum(np.abs(low - centre), np.abs(high - centre)))
     uv = image(points)
-    inside = np.any(np.all((uv >= low) & (uv <= high), axis=2), axis=1) & (r <= fold)
+    inside = np.any(np.all((uv >= low - slack) & (uv <= high + slack), axis=2), axis=1) & (r <= fold)
     need = r[min(int(np.flatnonzero(inside).max(initial=0)) + 1, len(r) - 1)]
     corner = float(np.cos(np.pi / _SIDES))
     radius = float(need if need <= fold * corner else fold * corner)
     return Field(normals, radius, _bending(image, normals, radius / corner))
+
+
+def _directions(count: int) -> Points:
+    angle = 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _bending(image: Callable[[Points], Points], normals: Points, end: float) -> Points:
@@ -152,7 +163,7 @@ def excess(a, b, bending, bins):  # type: ignore[no-untyped-def]
 def halve(stack, lens, tolerance, out, count):  # type: ignore[no-untyped-def]
     """Halve the longest bent edge of the triangle stack[0] and of its parts until none leaves its chord by more.
 
-    stack: (S, 3, 3), changed. lens: bending and bins of the field. The parts go to out from row `count` on as far as
+    stack: (S, 3, 4), changed. lens: bending and bins of the field. The parts go to out from row `count` on as far as
     there is room; returns the new count, which may be larger than out.
     """
     bending, bins = lens
@@ -170,13 +181,12 @@ def halve(stack, lens, tolerance, out, count):  # type: ignore[no-untyped-def]
                 out[count] = stack[top]
             count += 1
             continue
-        following = (edge + 1) % 3
+        following, third = (edge + 1) % 3, (edge + 2) % 3
+        stack[top + 1] = stack[top]
         for k in range(3):
             middle = 0.5 * (stack[top, edge, k] + stack[top, following, k])
-            for j in range(3):
-                stack[top + 1, j, k] = stack[top, j, k]
-            stack[top, following, k] = middle
-            stack[top + 1, edge, k] = middle
+            stack[top, following, k], stack[top + 1, edge, k] = middle, middle
+        stack[top, following, 3], stack[top + 1, third, 3] = _INNER, _INNER
         top += 2
     return count
 
@@ -185,10 +195,12 @@ def halve(stack, lens, tolerance, out, count):  # type: ignore[no-untyped-def]
 def visible_part(triangle, field, polygon, spare):  # type: ignore[no-untyped-def]
     """Corners on the plane z = 1 of the part of a triangle (3, 3), camera frame, that lies in the field.
 
-    field: normals and radius. polygon: (P, 3), receives x / z, y / z, 1 / z; spare: (P, 3), scratch. Returns how many.
+    field: normals and radius. polygon: (P, 3), receives x / z, y / z, 1 / z; spare: (P, 3), scratch. Returns how many,
+    and whether that is the whole triangle.
     """
     normals, radius = field
     n = cut(triangle, 3, np.array([0.0, 0.0, -1.0]), -NEAR_M, polygon)
+    whole = min(triangle[0, 2], triangle[1, 2], triangle[2, 2]) >= NEAR_M
     outside = False
     for i in range(n):
         w = 1.0 / polygon[i, 2]
@@ -197,13 +209,13 @@ def visible_part(triangle, field, polygon, spare):  # type: ignore[no-untyped-de
         polygon[i, 2] = w
         outside |= polygon[i, 0] ** 2 + polygon[i, 1] ** 2 > radius * radius
     if not outside:
-        return n
+        return n, whole
     side = np.zeros(3)
     for k in range(len(normals)):
         side[:2] = normals[k]
         n = cut(polygon, n, side, radius, spare)
         polygon[:n] = spare[:n]
-    return n
+    return n, False
 
 
 @njit(cache=True, nogil=True)
@@ -211,11 +223,12 @@ def tessellate(X, faces, field, lens, out, parts):  # type: ignore[no-untyped-de
     """Cut and halve the faces that look towards the camera.
 
     X: (V, 3) camera frame, metres; faces: (F, 3), counter-clockwise seen from outside; field: normals and radius; lens:
-    bending, bins per unit, and the tolerance in px, infinite where nothing bends. out: (N, 3, 3) triangles as x / z,
-    y / z, 1 / z of their corners; parts: (F, 2), receives the first triangle of each face and the one after its last.
-    Returns how many there are, even where that is more than N.
+    bending, bins per unit, and the tolerance in px, infinite where nothing bends. out: (N, 3, 4) triangles: x / z, y / z
+    and 1 / z of each corner, and the edge of the face, numbered by the corner opposite, from which the edge that begins
+    there comes, -1 for none, CUT where that was not kept; parts: (F, 3), receives the first triangle of each face, the
+    one after its last, and 1 where that is the whole face. Returns how many there are, even if that is more than N.
     """
-    polygon, spare, stack = np.empty((_POLYGON + 1, 3)), np.empty((_POLYGON + 1, 3)), np.empty((128, 3, 3))
+    polygon, spare, stack = np.empty((_POLYGON + 1, 3)), np.empty((_POLYGON + 1, 3)), np.empty((128, 3, 4))
     triangle = np.empty((3, 3))
     count = 0
     for f in range(len(faces)):
@@ -226,12 +239,14 @@ def tessellate(X, faces, field, lens, out, parts):  # type: ignore[no-untyped-de
         volume = (
             a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
         )
-        parts[f, 0], parts[f, 1] = count, count
+        parts[f, 0], parts[f, 1], parts[f, 2] = count, count, 0
         if not volume < 0.0:
             continue
-        n = visible_part(triangle, field, polygon, spare)
+        n, whole = visible_part(triangle, field, polygon, spare)
         for i in range(1, n - 1):
-            stack[0, 0], stack[0, 1], stack[0, 2] = polygon[0], polygon[i], polygon[i + 1]
+            stack[0, 0, :3], stack[0, 1, :3], stack[0, 2, :3] = polygon[0], polygon[i], polygon[i + 1]
+            for k in range(3):
+                stack[0, k, 3] = (k + 2) % 3 if whole else CUT
             count = halve(stack, (lens[0], lens[1]), lens[2], out, count)
-        parts[f, 1] = count
+        parts[f, 1], parts[f, 2] = count, whole and count == parts[f, 0] + 1
     return count

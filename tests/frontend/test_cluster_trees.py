@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree as scipy_spanning_tree
 
 from esfo_core.events import make_events
 from esfo_frontend.clusters import NOISE, cluster
-from esfo_frontend.hierarchy import flat_clusters, single_linkage
+from esfo_frontend.hierarchy import flat_clusters, number_by_first, single_linkage
 from esfo_frontend.kd_tree import LEAF_SIZE, build_tree, nearest_neighbours
 from esfo_frontend.options import ClusterOptions
 from esfo_frontend.spanning_tree import minimum_spanning_tree
@@ -165,6 +165,14 @@ def hdbscan_labels(corners, options, seed):
     )
     labels[order] = model.fit_predict(points)
     return labels
+
+
+@settings(deadline=None)
+@given(st.lists(st.integers(-1, 5), max_size=30))
+def test_numbers_follow_the_first_points(labels):
+    order = list(dict.fromkeys(v for v in labels if v != NOISE))
+    found = number_by_first(np.array(labels, np.int32))
+    assert found.tolist() == [NOISE if v == NOISE else order.index(v) for v in labels]
 
 
 def corners_of(points):

@@ -135,26 +135,20 @@ def cluster(corners: EventArray, time_scale: float, options: ClusterOptions) -> 
         return np.full(len(corners), NOISE, np.int64)
     t = (corners["t"] - corners["t"][0]) * (time_scale / NANOSECONDS)
     points = np.stack([corners["x"].astype(np.float64), corners["y"].astype(np.float64), t], axis=1)
-    labels = _ALGORITHMS[options.algorithm](points, options)
-    found, first = np.unique(labels, return_index=True)
-    found, first = found[found != NOISE], first[found != NOISE]
-    # The row for noise is the last: index -1.
-    rank = np.full(int(found.max(initial=NOISE)) + 2, NOISE, np.int64)
-    rank[found[np.argsort(first)]] = np.arange(len(found))
-    return np.asarray(rank[labels])
+    return hierarchy.number_by_first(_ALGORITHMS[options.algorithm](points, options))
 
 
-def _by_package(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.integer]:
+def _by_package(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.int32]:
     model = HDBSCAN(
         min_cluster_size=options.min_size,
         cluster_selection_epsilon=options.epsilon,
         approx_min_span_tree=False,
         core_dist_n_jobs=1,
     )
-    return np.asarray(model.fit_predict(points), np.int64)
+    return np.asarray(model.fit_predict(points), np.int32)
 
 
-def _by_boruvka(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.integer]:
+def _by_boruvka(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.int32]:
     tree = build_tree(points)
     linkage = hierarchy.single_linkage(*minimum_spanning_tree(tree, options.min_size))
     labels = np.empty(len(points), np.int32)

@@ -55,6 +55,13 @@ def flat_clusters(linkage: SingleLinkage, min_size: int, epsilon: float) -> NDAr
     return np.asarray(name[cluster[:n]])
 
 
+def number_by_first(labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return labels (N,) renumbered 0, 1, ... in the order of their first points; NOISE stays."""
+    renumbered = np.empty(len(labels), np.int64)
+    _renumber(labels, np.full(int(labels.max(initial=NOISE)) + 1, NOISE, np.int64), renumbered)
+    return renumbered
+
+
 @njit(cache=True, nogil=True)
 def _merge(edges, children, size):  # type: ignore[no-untyped-def]
     """Fill `children` and `size` by joining the ends of the edges one after the other."""
@@ -140,3 +147,15 @@ def _widen(above, birth, selected, epsilon):  # type: ignore[no-untyped-def]
                         break
             wider[wide] = True
     return wider
+
+
+@njit(cache=True, nogil=True)
+def _renumber(labels, number, renumbered):  # type: ignore[no-untyped-def]
+    """Fill `renumbered` (N,); number (C,) gets the new label of each old one and comes filled with NOISE."""
+    count = 0
+    for q in range(len(labels)):
+        c = labels[q]
+        if c != NOISE and number[c] == NOISE:
+            number[c] = count
+            count += 1
+        renumbered[q] = number[c] if c != NOISE else NOISE

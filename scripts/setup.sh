@@ -135,3 +135,8 @@ if [[ $(cat "$venv/.esfo-workspace" 2>/dev/null) != "$ws_key" ]]; then
   install_command
   echo "$ws_key" >"$venv/.esfo-workspace"
 fi
+# A compiled kernel is kept until its own file changes, though it holds the code of kernels that it calls in others.
+if [[ ! -e $venv/.esfo-kernels || -n $(find ros2_ws/src -name '*.py' -newer "$venv/.esfo-kernels" -print -quit) ]]; then
+  find ros2_ws/src \( -name '*.nbi' -o -name '*.nbc' \) -delete
+  touch "$venv/.esfo-kernels"
+fi

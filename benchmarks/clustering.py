@@ -19,8 +19,9 @@ from esfo_core.events import EventArray, make_events
 from esfo_core.recordings import open_recording
 from esfo_core.simulation.scene import SceneOptions, simulate
 from esfo_frontend.clusters import NANOSECONDS, ChunkClusterer, cluster
-from esfo_frontend.frontend import Frontend
-from esfo_frontend.options import PRESETS, ClusterOptions, FrontendOptions, nanoseconds
+from esfo_frontend.corners import CornerDetector
+from esfo_frontend.density import DensityFilter
+from esfo_frontend.options import PRESETS, ClusterOptions, nanoseconds
 
 RECORDING = Path(__file__).resolve().parents[2] / "shared" / "data" / "raw" / "gen4.dat"
 SCENES = {
@@ -37,11 +38,16 @@ COMPARED = 12
 
 def kept_corners(events: EventArray, width: int, height: int) -> EventArray:
     """Return the corners of `events` that the density filter keeps."""
-    frontend = Frontend(width, height, FrontendOptions(clusters=OURS))
-    parts = [frontend.process(packet).clusters for packet in np.array_split(events, max(1, len(events) // 1_000_000))]
-    parts.append(frontend.flush().clusters)
-    columns = (np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "y", "polarity", "t"))
-    return make_events(*columns)
+    detector = CornerDetector(width, height, DEFAULT.corners)
+    density = DensityFilter(width, height, DEFAULT.time_scale, DEFAULT.density)
+    ends = np.arange(events["t"][0], events["t"][-1], nanoseconds(OURS.chunk))[1:]
+    kept = []
+    parts = np.split(events, np.searchsorted(events["t"], ends))
+    for part in filter(len, parts):
+        density.add(part, detector.detect(part))
+        kept.append(density.filter_until(int(part["t"][-1]) - density.reach)[0])
+    kept.append(density.filter_until(int(events["t"][-1]) + 1)[0])
+    return np.concatenate(kept)
 
 
 def sources() -> Iterator[tuple[str, EventArray]]:

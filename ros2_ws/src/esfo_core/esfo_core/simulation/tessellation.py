@@ -222,11 +222,11 @@ def visible_part(triangle, field, polygon, spare):  # type: ignore[no-untyped-de
 def tessellate(X, faces, field, lens, out, parts):  # type: ignore[no-untyped-def]
     """Cut and halve the faces that look towards the camera.
 
-    X: (V, 3) camera frame, metres; faces: (F, 3), counter-clockwise seen from outside; field: normals and radius; lens:
-    bending, bins per unit, and the tolerance in px, infinite where nothing bends. out: (N, 3, 4) triangles: x / z, y / z
-    and 1 / z of each corner, and the edge of the face, numbered by the corner opposite, from which the edge that begins
-    there comes, -1 for none, CUT where that was not kept; parts: (F, 3), receives the first triangle of each face, the
-    one after its last, and 1 where that is the whole face. Returns how many there are, even if that is more than N.
+    X: (V, 3) camera frame, metres; faces: (F, 3), counter-clockwise seen from outside; field: normals and radius.
+    lens: bending, bins per unit, and the tolerance in px, infinite where nothing bends. out: (N, 3, 4) triangles:
+    x / z, y / z and 1 / z of each corner, and the edge of the face, numbered by the corner opposite, from which the
+    edge that begins there comes, -1 for none, CUT where that was not kept. parts: (F, 3), receives the first triangle
+    of each face, the one after its last, and 1 where that is the whole face. Returns how many, even if more than N.
     """
     polygon, spare, stack = np.empty((_POLYGON + 1, 3)), np.empty((_POLYGON + 1, 3)), np.empty((128, 3, 4))
     triangle = np.empty((3, 3))

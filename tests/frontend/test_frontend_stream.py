@@ -10,9 +10,14 @@ from esfo_core.errors import OptionError
 from esfo_core.events import empty_events, make_events
 from esfo_core.options import fields_of, replace
 from esfo_core.tracks import Tracks
+from esfo_frontend.clusters import ChunkClusterer
+from esfo_frontend.corners import CornerDetector
+from esfo_frontend.density import DensityFilter
 from esfo_frontend.errors import FrontendError
 from esfo_frontend.frontend import Frontend
+from esfo_frontend.joins import ClusterJoiner
 from esfo_frontend.options import PRESETS, FrontendOptions
+from esfo_frontend.tracks import TrackWindows
 
 MS = 1_000_000
 
@@ -78,14 +83,36 @@ def test_packets_do_not_matter(scene, preset):
         assert statistics == other[3]
 
 
-def test_statistics_add_up(scene):
-    frontend = Frontend(scene.width, scene.height)
+def test_the_paper_preset_is_its_stages_one_after_the_other(scene):
+    options = PRESETS["paper"]
+    step = round((options.clusters.chunk - options.clusters.shared) * MS)
+    events, origin = scene.events, int(scene.events["t"][0])
+    density = DensityFilter(scene.width, scene.height, options.time_scale, options.density)
+    clusterer = ChunkClusterer(options.time_scale, options.clusters)
+    joiner = ClusterJoiner(origin, options.time_scale, options.join)
+    windows = TrackWindows(origin, options.tracks)
+    density.add(events, CornerDetector(scene.width, scene.height, options.corners).detect(events))
+    settled = []
+    for end in range(origin + step, int(events["t"][-1]) + step + 1, step):
+        settled.append(clusterer.add_slice(density.filter_until(end)[0], end))
+    settled.append(clusterer.finish())
+    expected = Tracks.concatenate(windows.add(joiner.add(s)).observations for s in settled)
+    _, tracks = run(Frontend(scene.width, scene.height, options), np.array_split(events, 7))
+    assert len(expected) > 20
+    assert same_bits(tracks, expected)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_statistics_add_up(scene, preset):
+    frontend = Frontend(scene.width, scene.height, PRESETS[preset])
     outputs, tracks = run(frontend, [scene.events])
     labels = np.concatenate([o.clusters.cluster_id for o in outputs])
     s = frontend.statistics
     assert s.events == len(scene.events)
     assert s.corners >= s.kept == len(labels)
-    assert s.clustered == (labels >= 0).sum()
+    assert s.clustered == (labels >= 0).sum() > 0
+    # The median speed of squares that move at 210 and 191 px/s.
+    assert (180 < s.speed_px_s < 220) == (preset == "default")
     assert (s.rows, s.tracks) == (len(tracks), len(set(tracks.track_id.tolist())))
 
 
@@ -95,8 +122,9 @@ def test_columns_have_the_types_of_the_messages(scene):
     assert types == [np.uint16, np.uint16, np.uint8, np.int64, np.int32]
 
 
-def test_ids_never_come_back_and_rows_end_with_their_track(scene):
-    frontend = Frontend(scene.width, scene.height)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_ids_never_come_back_and_rows_end_with_their_track(scene, preset):
+    frontend = Frontend(scene.width, scene.height, PRESETS[preset])
     ended, rows_after_end = set(), 0
     for _ in range(3):
         for packet in np.array_split(scene.events, 20):
@@ -197,7 +225,6 @@ def test_memory_does_not_grow_with_the_stream(scene):
         for packet in np.array_split(events, 10):
             frontend.process(packet)
         size.append(len(pickle.dumps(frontend)))
-    # Everything is kept for a chunk or so: 120 of the 500 ms.
     assert max(size) - min(size) < 0.3 * scene.events.nbytes
 
 

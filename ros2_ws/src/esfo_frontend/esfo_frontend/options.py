@@ -67,12 +67,27 @@ class JoinOptions:
 
 
 @dataclass(frozen=True)
+class AssociationOptions:
+    """Association of corners with tracks by prediction. All lengths are pixels of the image: they serve any speed."""
+
+    gate: float = option(2.5, "corners farther from the predicted place of a track are not of it, px", 0.1, 50.0)
+    spacing: float = option(4.0, "no track begins nearer to another of its polarity, px; 0: anywhere", 0.0, 50.0)
+    memory: float = option(4.0, "image motion after which a corner counts 1/e for place and velocity, px", 0.1, 1000.0)
+    coast: float = option(4.0, "predicted motion without a corner after which a track ends, px", 0.1, 50.0)
+    wait: float = option(5.0, "slow tracks end when the typical track has moved so far, px", 0.1, 1000.0)
+    longest_gap: float = option(300.0, "time without a corner after which any track ends, ms", 0.1, 60_000.0)
+    step: float = option(3.0, "image motion of a track over which the corners of a row are averaged, px", 0.1, 100.0)
+    first_corners: int = option(10, "corners that a track needs before its first row", 2, 10_000)
+    slice: float = option(5.0, "time after which the corners of the stream are taken in together, ms", 0.1, 1000.0)
+
+
+@dataclass(frozen=True)
 class TrackOptions:
     """Window means of the joined clusters (section 4.3, equation 4)."""
 
     window: float = option(30.0, "delta t: duration of a window, ms", 0.1, 60_000.0)
-    min_corners: int = option(3, "windows of a track with fewer corners are dropped", 1, 1000)
-    min_sigma: float = option(0.25, "error of a row that averaging does not remove, px", 0.01, 10.0)
+    min_corners: int = option(3, "corners that a row needs; windows with fewer are dropped", 1, 1000)
+    min_sigma: float = option(0.35, "error of a row that averaging does not remove, px", 0.01, 10.0)
     corner_sigma: float = option(1.0, "expected scatter of single corners about their track, px", 0.01, 50.0)
 
 
@@ -92,11 +107,17 @@ class FrontendOptions:
     the density, the clusters and the joining alike; 1000 px/s is time in milliseconds.
     """
 
+    tracker: str = option(
+        "association",
+        "corners become tracks by prediction (association), or by filter, HDBSCAN and joining (clusters)",
+        choices=("association", "clusters"),
+    )
     time_scale: float = option(300.0, "pixels that one second counts in distances of (x, y, t), px/s", 0.1, 1e6)
     corners: CornerOptions = field(default_factory=CornerOptions)
     density: DensityOptions = field(default_factory=DensityOptions)
     clusters: ClusterOptions = field(default_factory=ClusterOptions)
     join: JoinOptions = field(default_factory=JoinOptions)
+    association: AssociationOptions = field(default_factory=AssociationOptions)
     tracks: TrackOptions = field(default_factory=TrackOptions)
     activity: ActivityOptions = field(default_factory=ActivityOptions)
 
@@ -104,11 +125,12 @@ class FrontendOptions:
 PRESETS: dict[str, FrontendOptions] = {
     "default": FrontendOptions(),
     "paper": FrontendOptions(
+        tracker="clusters",
         time_scale=1000.0,
         density=DensityOptions(memory=0.0),
         clusters=ClusterOptions(epsilon=5.0, algorithm="hdbscan"),
         join=JoinOptions(radius=30.0),
-        tracks=TrackOptions(min_corners=1),
+        tracks=TrackOptions(min_corners=1, min_sigma=0.25),
     ),
 }
 """`paper` has the values of Table 2; `default` is what tracked simulated scenes with known motion better."""

@@ -91,7 +91,18 @@ class TrackWindows:
         moving = tt > 0
         explained = (total(t * x) ** 2 + total(t * y) ** 2) / np.where(moving, tt, 1.0)
         residual = np.maximum(total(x * x + y * y) - explained, 0.0)
-        degrees = 2 * (n - np.where(moving, 2, 1))
-        prior = self._options.corner_sigma**2
-        variance = (PRIOR_DEGREES * prior + residual) / (PRIOR_DEGREES + degrees)
-        return n, np.stack(means, axis=1), np.sqrt(self._options.min_sigma**2 + variance / n)
+        return n, np.stack(means, axis=1), sigma_of_mean(n, residual, moving, self._options)
+
+
+def sigma_of_mean(
+    n: NDArray[np.int64], residual: NDArray[np.float64], moving: NDArray[np.bool_], options: TrackOptions
+) -> NDArray[np.float64]:
+    """Return the standard deviation (G,) px of each coordinate of the mean of n (G,) corners, as in `TrackWindows`.
+
+    residual: (G,) sum of the squared distances, px^2, to the line fitted over time. moving: (G,) whether the corners
+    are of more than one time, so that a line was fitted.
+    """
+    degrees = 2 * (n - np.where(moving, 2, 1))
+    prior = options.corner_sigma**2
+    variance = (PRIOR_DEGREES * prior + residual) / (PRIOR_DEGREES + degrees)
+    return np.asarray(np.sqrt(options.min_sigma**2 + variance / n))

@@ -9,6 +9,8 @@ from esfo_bringup.cli import main
 from esfo_core.camera import Camera
 from esfo_core.events import make_events
 from esfo_core.recordings import write_mcap
+from esfo_core.tracks import Tracks
+from esfo_frontend.warm_up import HEIGHT, WIDTH, drifting_squares
 
 
 def events(count, seed=0):
@@ -93,6 +95,16 @@ def test_noise_fails_with_a_reason_and_leaves_its_results(capsys, tmp_path, reco
     assert orbit["reason"]
     assert not (tmp_path / "out/points.ply").exists()
     assert (tmp_path / "out/report.html").stat().st_size > 1000
+
+
+def test_tracks_alone(capsys, tmp_path):
+    path = tmp_path / "squares.mcap"
+    write_mcap(path, [drifting_squares(duration_s=0.3)], Camera.pinhole(WIDTH, HEIGHT, 200.0))
+    out = tmp_path / "out"
+    assert main(["run", str(path), "--until", "tracks", "-o", str(out)]) == 0
+    assert [p.name for p in out.iterdir()] == ["tracks.csv"]
+    assert len(Tracks.read_csv(out / "tracks.csv")) > 20
+    assert " tracks, " in capsys.readouterr().out
 
 
 def test_guessed_intrinsics_are_named(capsys, tmp_path, recording, monkeypatch):

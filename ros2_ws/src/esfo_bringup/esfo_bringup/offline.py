@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from esfo_core.errors import RecordingError
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.recordings import ReadingOptions, Recording, open_recording
 from esfo_core.tracks import Tracks
-from esfo_frontend.frontend import Frontend, Statistics
+from esfo_frontend.frontend import Frontend, FrontendOutput
+from esfo_frontend.pipelines import Statistics
 
 
 @dataclass(frozen=True)
@@ -65,21 +67,31 @@ def run_offline(source: Source, settings: RunSettings) -> RunResult:
     backend = Backend(source.camera, settings.backend)
     tracks: list[Tracks] = []
     begin = time.perf_counter()
-    for events in follow(recording, recording.chunks(), "tracking"):
-        output = frontend.process(events)
+    for output in _outputs(frontend, recording):
         backend.add(output.tracks, output.activity)
         tracks.append(output.tracks.observations)
-    output = frontend.flush()
-    backend.add(output.tracks, output.activity)
-    tracks.append(output.tracks.observations)
-    if not frontend.statistics.events:
-        raise RecordingError(f"{recording.path}: no events")
     tracking_s = time.perf_counter() - begin
     with stage_bar(len(STAGES)) as bar:
         backend.on_stage = lambda name: next_stage(bar, name)
         estimate = with_source(backend.solve(), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
     return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)
+
+
+def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, Statistics]:
+    """Track the whole recording and leave it at that. Raises RecordingError for a recording without events."""
+    frontend = Frontend(recording.width, recording.height, settings.frontend)
+    tracks = Tracks.concatenate(output.tracks.observations for output in _outputs(frontend, recording))
+    return tracks.sorted(), frontend.statistics
+
+
+def _outputs(frontend: Frontend, recording: Recording) -> Iterator[FrontendOutput]:
+    """Yield what the front-end makes of the recording, its end included."""
+    for events in follow(recording, recording.chunks(), "tracking"):
+        yield frontend.process(events)
+    if not frontend.statistics.events:
+        raise RecordingError(f"{recording.path}: no events")
+    yield frontend.flush()
 
 
 def with_source(estimate: OrbitEstimate, source: Source) -> OrbitEstimate:

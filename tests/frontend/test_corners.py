@@ -150,7 +150,7 @@ def test_other_lengths_of_arcs(scene, lengths, detector):
         ([0, 50_000_001], [1, 1], 1),
         ([0, 40_000_000, 80_000_000], [1, 1, 1], 0),  # left out, it still counts as the latest
         ([0, 1, 2], [1, 0, 1], 2),  # the other polarity was in between
-        ([0, 0, 0], [1, 0, 1], 0),  # or not: at the same time is not in between
+        ([0, 0, 1], [1, 0, 1], 0),  # or not: at the same time is not in between
     ],
 )
 def test_arc_star_leaves_out_repeated_events(times, polarities, newest):
@@ -175,6 +175,17 @@ def test_ranks_that_run_out_are_numbered_anew(name, before_end):
     found = np.concatenate([detector.detect(piece) for piece in np.split(events, [100, 100, 200, 201, 450])])
     assert np.array_equal(found, twin(events, (12, 11), SETTINGS[name]))
     assert surface.clock[0] <= INT32_MAX
+
+
+def test_ranks_numbered_anew_keep_the_newest_time_though_no_pixel_holds_it():
+    options = CornerOptions(detector="arc_star")
+    detector = ArcStarDetector(9, 9, options)
+    detector._surface.clock[0] = INT32_MAX - 2
+    one = np.ones(2, int)
+    detector.detect(make_events(4 * one, 4 * one, one, np.array([1, 2])))  # the second is left out
+    detector.detect(make_events(np.array([5, 6]), 4 * one, one, np.array([2, 2])))
+    before, first, second = detector._surface.ranks[1, 4, 4:7]
+    assert before < first == second
 
 
 def test_two_threads_find_the_same(scene, monkeypatch):

@@ -58,14 +58,24 @@ def test_counts_equal_twin_in_any_packets_and_batches(seed, radius, time_scale, 
     assert counts.tolist() == count_twin(corners, events, radius, time_scale)
 
 
-def test_distance_exactly_lambda_is_inside():
+@pytest.mark.parametrize(("x", "half"), [(10, 5_000_000), (13, 4_000_000)])
+def test_distance_exactly_lambda_is_inside(x, half):
     # 5 px radius, 1000 px/s: (3, 0) px and 4 ms are exactly 5 px away, one nanosecond more is not.
-    for t, inside in ((14_000_000, True), (14_000_001, False), (6_000_000, True), (5_999_999, False)):
-        events = make_events(*(np.array(v) for v in ((10, 13), (10, 10), (1, 1), (10_000_000, t))))
+    for after, inside in ((half, True), (half + 1, False), (-half, True), (-half - 1, False)):
+        events = make_events(*(np.array(v) for v in ((10, x), (10, 10), (1, 1), (0, after))))
         order = np.argsort(events["t"])
         counter = NeighbourCounter(20, 20, neighbourhood(5.0, 1000.0))
         counter.add(events[order], np.array([True, False])[order])
         assert counter.take(2**62)[1].tolist() == [1 + inside]
+
+
+def test_events_of_one_time_in_two_packets(monkeypatch):
+    monkeypatch.setattr(neighbours, "_BATCH", 1)
+    counter = NeighbourCounter(20, 20, neighbourhood(5.0, 1000.0))
+    for times in ([-10_000_000, 0, 5_000_000], [5_000_000, 30_000_000]):
+        n = len(times)
+        counter.add(make_events(np.full(n, 9), np.full(n, 9), np.ones(n), np.array(times)), np.array(times) == 0)
+    assert counter.take(2**62)[1].tolist() == [3]
 
 
 def test_memory_stays_bounded_without_take():

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points, normal_equations
+from esfo_backend import adjust as adjust_module
+from esfo_backend import graph as graph_module
+from esfo_backend.adjust import _step, adjust, linear_points, normal_equations
 from esfo_backend.covariance import motion_covariance
 from esfo_backend.graph import optimise_graph
 from esfo_backend.problem import motion_from_axis, observations
@@ -28,16 +30,49 @@ def test_exact_tracks_are_recovered(axis):
     assert angle_between(solved.motion.axis, axis) < 1e-4
 
 
-def test_graph_and_schur_solver_agree():
+def test_graph_and_schur_solver_reach_the_same_optimum(monkeypatch):
     scene = tracks_of(spin(AXES[2]), noise_px=0.5, outliers=0.1)
     obs, _ = observations(scene.tracks, CAMERA, 4)
     start = perturbed(scene.spin, 0.0)
     rough = adjust(start, linear_points(start, obs), obs, 1.0, iterations=5)
-    fast = adjust(rough.motion, rough.y, obs, 1.0, iterations=200)
-    graph = optimise_graph(rough, obs, 1.0, 200)
-    assert graph.adjusted.cost == pytest.approx(fast.cost, rel=1e-8)
-    assert graph.adjusted.motion.rate_hz == pytest.approx(fast.motion.rate_hz, rel=1e-6)
-    np.testing.assert_allclose(graph.adjusted.motion.Q, fast.motion.Q, atol=1e-5)
+    for solver in (adjust_module, graph_module):  # reweighted steps converge linearly: on until no step gains any more
+        monkeypatch.setattr(solver, "_RELATIVE_GAIN", 0.0)
+    fast = adjust(rough.motion, rough.y, obs, 1.0, iterations=1000)
+    graph = optimise_graph(rough, obs, 1.0, 1000).adjusted
+    assert graph.cost == pytest.approx(fast.cost, rel=1e-12)
+    assert graph.motion.rate_hz == pytest.approx(fast.motion.rate_hz, rel=1e-8)
+    np.testing.assert_allclose(graph.motion.Q, fast.motion.Q, atol=1e-8)
+
+
+def test_schur_step_is_that_of_the_whole_system():
+    """The eliminated system against a dense solve of all unknowns."""
+    scene = tracks_of(spin(AXES[2]), noise_px=0.3, points=12)
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    motion = perturbed(scene.spin, 1e-3)
+    H = normal_equations(motion.Q, motion.rate_hz, linear_points(motion, obs), obs.rows, 2.0, 1)
+    damping = 1e-3
+    for free_rate in (True, False):
+        dm, dp, gain = _step(H, damping, free_rate)
+        full, gradient = whole_system(H), np.concatenate([H.m.sum(axis=0), H.p.ravel()])
+        regular = np.full(len(full), 1e-9)
+        regular[:4] = 1e-12
+        free = np.arange(len(full)) != (-1 if free_rate else 3)
+        damped = full + np.diag(damping * np.diag(full) + regular)
+        expected = np.zeros(len(full))
+        expected[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+        np.testing.assert_allclose(dm, expected[:4], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(dp.ravel(), expected[4:], rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+        assert gain == pytest.approx(-0.5 * gradient @ expected, rel=1e-8)
+
+
+def whole_system(H):
+    P = len(H.p)
+    full = np.zeros((4 + 3 * P, 4 + 3 * P))
+    full[:4, :4] = H.mm
+    for j in range(P):
+        own = slice(4 + 3 * j, 7 + 3 * j)
+        full[:4, own], full[own, :4], full[own, own] = H.mp[j], H.mp[j].T, H.pp[j]
+    return full
 
 
 def test_marginal_is_the_inverse_of_the_whole_information_matrix():
@@ -48,13 +83,7 @@ def test_marginal_is_the_inverse_of_the_whole_information_matrix():
     result = optimise_graph(solved, obs, 2.0, 1)
     best = result.adjusted
     H = normal_equations(best.motion.Q, best.motion.rate_hz, best.y, obs.rows, 2.0, 2)
-    P = obs.points
-    full = np.zeros((4 + 3 * P, 4 + 3 * P))
-    full[:4, :4] = H.mm
-    for j in range(P):
-        own = slice(4 + 3 * j, 7 + 3 * j)
-        full[:4, own], full[own, :4], full[own, own] = H.mp[j], H.mp[j].T, H.pp[j]
-    expected = np.linalg.inv(full)[:4, :4]
+    expected = np.linalg.inv(whole_system(H))[:4, :4]
     np.testing.assert_allclose(result.marginal, expected, rtol=1e-5, atol=1e-9 * np.abs(expected).max())
 
 

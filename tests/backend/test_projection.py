@@ -101,6 +101,15 @@ def test_normal_equations_are_those_of_the_stacked_rows(power):
         np.testing.assert_allclose(H.mp[j], J[:, 1:5].T @ J[:, 5:], rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.parametrize("cauchy", [0.0, 1e-3, 2.0])
+def test_normal_equations_know_the_cost(cauchy):
+    Q, rate, y, rows = random_problem(0)
+    y[1] = Q.T @ np.array([0, 0, -5.0])  # behind the camera
+    for power in (1, 2):
+        found = normal_equations(Q, rate, y, rows, cauchy, power).cost
+        assert found == pytest.approx(robust_cost(Q, rate, y, rows, cauchy), rel=1e-12)
+
+
 def test_weight_is_the_derivative_of_the_loss():
     c, h = 2.0, 1e-6
     for r in (0.1, 1.0, 7.0):

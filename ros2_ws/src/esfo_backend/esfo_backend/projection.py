@@ -131,8 +131,10 @@ def triangulate(Q: Matrix, rate: float, rows: Rows) -> Matrix:
                 x = rows.xy[k, i]
                 g0, g1 = Q[i, 0] - x * Q[2, 0], Q[i, 1] - x * Q[2, 1]
                 a[0], a[1], a[2] = g0 * c - g1 * s, g0 * s + g1 * c, Q[i, 2] - x * Q[2, 2]
-                b += a * g0
-                A += np.outer(a, a)
+                for m in range(3):
+                    b[m] += a[m] * g0
+                    for n in range(3):
+                        A[m, n] += a[m] * a[n]
         for m in range(3):
             A[m, m] += 1e-9 * A[m, m] + 1e-12
         out[j] = np.linalg.solve(A, b)

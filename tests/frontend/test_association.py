@@ -125,7 +125,7 @@ def random_stream(seed):
     rng = np.random.default_rng(seed)
     paths = [
         (*rng.uniform(10, 80, 2), *rng.uniform(-150, 150, 2), *np.sort(rng.uniform(0, 300, 2)), rng.integers(0, 2))
-        for _ in range(8)
+        for _ in range(16)
     ]
     corners = np.concatenate([moving_points(rng, paths, 3.0), noise(rng, 300, 300)])
     corners["t"] -= corners["t"] % (MS // 5)  # many corners at the same time

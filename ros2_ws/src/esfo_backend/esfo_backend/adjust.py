@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from esfo_backend.problem import Motion, Observations, Rows
 from esfo_backend.projection import BEHIND_CAMERA_COST, cauchy_weight, linearize_row, triangulate
-from esfo_core.orbit import Matrix, Vector
+from esfo_core.orbit import Matrix
 
 Blocks = NDArray[np.float64]
 
@@ -118,7 +118,7 @@ def _eliminate(H: NormalEquations, j: int, damping: float, L: Matrix, Z: Matrix)
 
 
 @njit(cache=True, nogil=True)
-def _motion_step(H: NormalEquations, Z: Blocks, damping: float, free_rate: bool) -> Vector:
+def _motion_step(H: NormalEquations, Z: Blocks, damping: float, free_rate: bool) -> NDArray[np.floating]:
     """Solve what is left when the points are eliminated, (4,)."""
     S, b = H.mm.copy(), np.zeros(4)
     for m in range(4):
@@ -135,12 +135,11 @@ def _motion_step(H: NormalEquations, Z: Blocks, damping: float, free_rate: bool)
         S[:, 3] = 0.0
         S[3, 3] = 1.0
         b[3] = 0.0
-    dm: Vector = np.linalg.solve(S, b)
-    return dm
+    return np.linalg.solve(S, b)
 
 
 @njit(cache=True, nogil=True)
-def _step(H: NormalEquations, damping: float, free_rate: bool) -> tuple[Vector, Matrix, float]:
+def _step(H: NormalEquations, damping: float, free_rate: bool) -> tuple[NDArray[np.floating], Matrix, float]:
     """Solve the damped normal equations; returns the steps of motion (4,) and points (P, 3), and the expected gain.
 
     The gain, in px^2, is that of the linearised cost, or less by what the damping holds back.

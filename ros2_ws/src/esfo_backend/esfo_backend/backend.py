@@ -54,7 +54,7 @@ class Backend:
     """Accumulates tracks and activity; estimates the orbit from all of them.
 
     `add` and `due` are cheap and may be called from another thread than `solve`. on_stage: told the name of each of
-    STAGES as it begins. last_start_note: what became of COLMAP's start in the last estimate.
+    STAGES as it begins. last_start: of the last estimate; last_start_note: what became of COLMAP's in it.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions | None = None) -> None:
@@ -62,6 +62,7 @@ class Backend:
         check(self.options)
         self.camera = camera
         self.on_stage: Callable[[str], None] = lambda name: None
+        self.last_start: Start | None = None
         self.last_start_note = ""
         self._tracks: list[Tracks] = []
         self._activity: list[Activity] = []
@@ -141,7 +142,7 @@ class Backend:
         obs, _ = observations(tracks, self.camera, options.start.min_rows)
         with watch.stage("start"):
             start = choose_start(tracks, obs, self.camera, rate.rate_hz, options, thorough)
-        self.last_start_note = start.colmap_note
+        self.last_start, self.last_start_note = start, start.colmap_note
         with watch.stage("reidentification"):
             structure = build_structure(start, obs, options)
         with watch.stage("graph"):
@@ -167,7 +168,9 @@ class Backend:
         watch: _Stopwatch,
     ) -> OrbitEstimate:
         solution, obs, label = structure.solution, structure.obs, structure.label
-        covariance = motion_covariance(solution, obs, result.marginal, self.options.graph.cauchy_px)
+        covariance = motion_covariance(
+            solution, obs, result.marginal, self.options.graph.cauchy_px, self.options.graph.bias_px
+        )
         errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
         alternatives = _alternatives(rate, start)
         inliers = label >= 0
@@ -182,7 +185,7 @@ class Backend:
                 float(inliers.mean()),
                 alternatives,
                 min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
-                rate_drift(solution, obs, self.options.graph.cauchy_px),
+                rate_drift(solution, obs, self.options.graph.cauchy_px, self.options.graph.bias_px),
                 (activity.end - activity.t0) / NANOSECONDS,
             ),
             self.options.verdict,

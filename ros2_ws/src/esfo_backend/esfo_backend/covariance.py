@@ -1,4 +1,4 @@
-"""How sure the motion is: a covariance that survives errors which are correlated along a track."""
+"""How sure the motion is: a covariance that survives errors correlated along a track, or common to all tracks."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjust import Adjusted, normal_equations
+from esfo_backend.nuisance import bias_sensitivity, reduced_equations
 from esfo_backend.problem import Observations
 from esfo_backend.projection import row_errors
 from esfo_core.orbit import Matrix, tangent_basis
@@ -22,13 +23,17 @@ class MotionCovariance:
     axis_cov: Matrix
 
 
-def motion_covariance(solution: Adjusted, obs: Observations, marginal: Matrix, cauchy_px: float) -> MotionCovariance:
+def motion_covariance(
+    solution: Adjusted, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
+) -> MotionCovariance:
     """Scale the graph's marginal by the noise that the residuals show.
 
     marginal: (4, 4) for residuals of unit variance. Two estimates are made: with independent residuals of one variance,
     and with residuals that are independent between points only (sandwich estimator, clusters = points), which is the
     honest one for tracks whose error drifts. The larger one, by the variance of each parameter, is kept, because the
-    sandwich is itself noisy for few points. NaN where the marginal is.
+    sandwich is itself noisy for few points. A bias of corners of standard deviation bias_px, which all points share and
+    no residual shows, is added as in a Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where
+    the marginal is.
     """
     H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
     eliminated = np.einsum("pij,pjk->pik", H.mp, np.linalg.pinv(H.pp, hermitian=True))
@@ -38,6 +43,9 @@ def motion_covariance(solution: Adjusted, obs: Observations, marginal: Matrix, c
     independent = _independent_variance(solution, obs, cauchy_px) * marginal
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)
+    information, _ = reduced_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px)
+    moved = bias_px * bias_sensitivity(information.sum(axis=0), _MOTION_PARAMETERS)
+    cov = cov + moved @ moved.T
     axis = solution.motion.axis
     # A right rotation vector d of Q moves the axis by -Q (d x e_z) = Q (-d_y, d_x, 0).
     to_tangent = tangent_basis(axis).T @ solution.motion.Q @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjust import Adjusted
+from esfo_backend.nuisance import SLOPE, bias_sensitivity, reduced_equations, solve_scaled
 from esfo_backend.problem import Observations
-from esfo_backend.projection import linearize_stack
 
 _PARAMETERS = 5
 
@@ -26,27 +26,20 @@ class RateDrift:
         return abs(self.slope) / self.std if self.std > 0 else np.inf
 
 
-def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float) -> RateDrift:
+def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateDrift:
     """Estimate the slope g in theta = 2 pi (f dt + g dt^2 / 2) by one Gauss-Newton step from the constant-rate optimum.
 
     Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation
-    treats only points as independent (sandwich estimator, clusters = points).
+    treats only points as independent (sandwich estimator, clusters = points), and adds the bias of corners of bias_px.
     """
-    parts, scores = np.zeros((obs.points, _PARAMETERS, _PARAMETERS)), np.zeros((obs.points, _PARAMETERS))
-    Q, rate = solution.motion.Q, solution.motion.rate_hz
-    for j in range(obs.points):
-        own = obs.of_point(j)
-        J = linearize_stack(Q, rate, solution.y[j], own, cauchy_px, 1)
-        r, point = J[:, 0], J[:, 5:8]
-        motion = np.column_stack([J[:, 1:5], J[:, 4] * np.repeat(own.dt, 2) / 2])
-        reduced = motion - point @ (np.linalg.pinv(point.T @ point, hermitian=True) @ (point.T @ motion))
-        parts[j] = reduced.T @ motion
-        scores[j] = reduced.T @ r
-    information = parts.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))  # the parameters have very different units
-    inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
+    motion = solution.motion
+    every, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px)
+    parts, scores = every[:, :_PARAMETERS, :_PARAMETERS], scores[:, :_PARAMETERS]
+    information = every.sum(axis=0)
+    inverse = solve_scaled(information[:_PARAMETERS, :_PARAMETERS], np.eye(_PARAMETERS))
     step = -inverse @ scores.sum(axis=0)
     left = scores + parts @ step  # what the residuals still say after the step: a drift is no noise
     small_sample = obs.points / max(obs.points - _PARAMETERS, 1)
     covariance = small_sample * inverse @ (left.T @ left) @ inverse
-    return RateDrift(float(step[4]), float(np.sqrt(covariance[4, 4])))
+    biased = bias_px * bias_sensitivity(information, _PARAMETERS)[SLOPE]
+    return RateDrift(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE] + biased @ biased)))

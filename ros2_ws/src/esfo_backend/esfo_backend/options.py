@@ -31,6 +31,8 @@ class StartOptions:
     min_rows: int = option(4, "rows that a track needs to take part", 2)
     colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
     colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
+    colmap_max_tracks: int = option(100, "tracks per camera, the longest, that COLMAP gets", 10)
+    colmap_max_views: int = option(120, "consecutive cameras, those of the most tracks, that COLMAP gets", 10)
     colmap_min_share: float = option(0.25, "share of the cameras that COLMAP must register", 0.0, 1.0)
     colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's cameras from the circle, in radii", 0.0)
     colmap_rate: float = option(0.1, "largest relative difference of COLMAP's rate from the event stream's", 0.0)
@@ -53,6 +55,9 @@ class GraphOptions:
 
     cauchy_px: float = option(1.0, "scale of Cauchy's loss in px; 0 is plain least squares (paper)", 0.0, 100.0)
     iterations: int = option(30, "largest number of Levenberg-Marquardt iterations", 1, 1000)
+    bias_px: float = option(
+        0.25, "standard deviation of the error that all corners share; widens the stated deviations, px", 0.0, 10.0
+    )
     prune_px: float = option(2.5, "largest RMS reprojection error in px of a published point", 0.1)
 
 

@@ -24,13 +24,14 @@ _TIE = 0.01
 class Start:
     """The start that is used, where it came from, and the next best optimum of another axis, if any.
 
-    colmap_note: what COLMAP found or why it was not used, for the log.
+    colmap_note: what COLMAP found or why it was not used, for the log. colmap: its model, where there is one.
     """
 
     adjusted: Adjusted
     name: StartName
     second: Adjusted | None
     colmap_note: str
+    colmap: ColmapStart | None = None
 
 
 def choose_start(
@@ -45,19 +46,22 @@ def choose_start(
     second = direct.second if direct else None
     if direct is not None and (options.start.method == "direct" or not thorough):
         return Start(direct.best, "direct", second, "COLMAP was not asked for")
+    model: ColmapStart | None = None
     try:
         model = colmap_start(tracks, camera, options.start)
         motion = _accepted(model, rate_hz, options)
     except BackendError as error:
         if direct is None:
             raise
-        return Start(direct.best, "direct", second, str(error))
+        return Start(direct.best, "direct", second, str(error), model)
     free = options.rate.method == "fourier"
     refined = adjust(motion, linear_points(motion, obs), obs, options.start.cauchy_px, free)
     note = f"COLMAP registered {model.registered} of {model.views} views at {model.rms_px:.2f} px"
     if direct is None or refined.cost <= direct.best.cost * (1 + _TIE):
-        return Start(refined, "colmap", second, note)
-    return Start(direct.best, "direct", second, f"{note}, at {refined.cost / direct.best.cost:.2f} times the cost")
+        return Start(refined, "colmap", second, note, model)
+    return Start(
+        direct.best, "direct", second, f"{note}, at {refined.cost / direct.best.cost:.2f} times the cost", model
+    )
 
 
 def _accepted(model: ColmapStart, rate_hz: float, options: BackendOptions) -> Motion:

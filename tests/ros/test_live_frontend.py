@@ -153,3 +153,11 @@ def test_the_warm_up_scene_reaches_every_stage(preset):
     counts = frontend.statistics
     assert min(counts.corners, counts.kept, counts.clustered, counts.tracks, counts.rows) > 0
     warm_up(PRESETS[preset])
+
+
+def test_image_speed_is_that_of_the_squares():
+    live = LiveFrontend(PRESETS["default"])
+    assert live.image_speed == 0
+    for packet in packets(scene()):
+        list(live.process(packet))
+    assert live.image_speed == pytest.approx(np.hypot(150, 90), rel=0.1)

@@ -141,6 +141,11 @@ class LiveFrontend:
             self._running = False
             yield self._counted(self._frontend.flush())
 
+    @property
+    def image_speed(self) -> float:
+        """Typical speed of the tracks in the image, px/s; 0 before it is known and where clusters make the tracks."""
+        return 0.0 if self._form is None else self._frontend.statistics.speed_px_s
+
     def health(self, dropped: int) -> Health:
         """Return the state of the stream; dropped: packets that were dropped before they came here."""
         t = self.totals

@@ -142,6 +142,7 @@ class FrontendNode(Node):  # type: ignore[misc]
             "packets": self._live.totals.packets,
             "observations": self._live.totals.observations,
             "tracks alive": len(self._live.totals.alive),
+            "image speed px/s": round(self._live.image_speed, 1),
             "queue age s": round(self.worker.age, 3),
         }
         self._diagnostics.publish(diagnostics(self, problem, values | asdict(self._health)))

@@ -78,7 +78,7 @@ class AssociationOptions:
     longest_gap: float = option(300.0, "time without a corner after which any track ends, ms", 0.1, 60_000.0)
     step: float = option(4.0, "image motion of a track over which the corners of a row are averaged, px", 0.1, 100.0)
     first_corners: int = option(10, "corners that a track needs before its first row", 2, 10_000)
-    slice: float = option(5.0, "time after which the corners of the stream are taken in together, ms", 0.1, 1000.0)
+    slice: float = option(10.0, "time after which the corners of the stream are taken in together, ms", 0.1, 1000.0)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.circle import fit_circle, orbit_of_cameras
-from esfo_backend.colmap import colmap_start, cut_views
+from esfo_backend.colmap import bounded, colmap_start, cut_views
 from esfo_backend.errors import BackendError
 from esfo_backend.options import StartOptions
 from esfo_core.orbit import angle_between
@@ -48,6 +48,25 @@ def test_views_hold_each_track_once():
     assert len(views.seconds) == pytest.approx(4 / 0.03, abs=2)
     for track, uv in zip(views.track, views.uv, strict=True):
         assert len(np.unique(track)) == len(track) == len(uv)
+
+
+def test_what_colmap_gets_is_bounded():
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), points=100)
+    views = cut_views(scene.tracks, CAMERA, 0.03)
+    same = bounded(views, StartOptions(colmap_max_views=len(views.track)))
+    assert all(np.array_equal(a, b) for a, b in zip(same.track + same.uv, views.track + views.uv, strict=True))
+    assert np.array_equal(same.seconds, views.seconds)
+    few = bounded(views, StartOptions(colmap_max_views=20, colmap_max_tracks=10))
+    assert len(few.track) == len(few.uv) == len(few.seconds) == 20
+    begin = int(np.flatnonzero(views.seconds == few.seconds[0])[0])
+    for k, (track, uv) in enumerate(zip(few.track, few.uv, strict=True)):
+        whole = views.track[begin + k]
+        kept = np.isin(whole, track)
+        assert len(track) == kept.sum() == min(10, len(whole))
+        assert np.array_equal(track, whole[kept])
+        assert np.array_equal(uv, views.uv[begin + k][kept])
+        lengths = np.array([sum(i in t for t in views.track[begin : begin + 20]) for i in whole])
+        assert lengths[kept].min() >= lengths[~kept].max(initial=0)
 
 
 @pytest.fixture(scope="module")

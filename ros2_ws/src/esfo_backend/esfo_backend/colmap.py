@@ -66,12 +66,34 @@ def cut_views(tracks: Tracks, camera: Camera, window_s: float) -> Views:
     )
 
 
+def bounded(views: Views, options: StartOptions) -> Views:
+    """Return the stretch of consecutive views with the most tracks, and of each view the tracks of the most views.
+
+    What is within the limits of the options comes back as it is. COLMAP's time grows with both numbers, its answer
+    does not get better: a few turns are no more to it than one, since it does not know a point again.
+    """
+    counts = np.array([len(t) for t in views.track])
+    width = min(options.colmap_max_views, len(counts))
+    begin = int(np.argmax(np.convolve(np.minimum(counts, options.colmap_max_tracks), np.ones(width), "valid")))
+    stretch = slice(begin, begin + width)
+    ids, lengths = np.unique(np.concatenate(views.track[stretch]), return_counts=True)
+    kept = [
+        np.sort(np.argsort(-lengths[np.searchsorted(ids, t)], kind="stable")[: options.colmap_max_tracks])
+        for t in views.track[stretch]
+    ]
+    return Views(
+        views.seconds[stretch],
+        [uv[k] for uv, k in zip(views.uv[stretch], kept, strict=True)],
+        [t[k] for t, k in zip(views.track[stretch], kept, strict=True)],
+    )
+
+
 def colmap_start(tracks: Tracks, camera: Camera, options: StartOptions) -> ColmapStart:
     """Run COLMAP with fixed intrinsics and seeds on one thread: the same tracks give the same answer.
 
     Raises BackendError when the tracks are too sparse, when there is no model, or when its cameras are no orbit.
     """
-    views = cut_views(tracks, camera, options.colmap_window_s)
+    views = bounded(cut_views(tracks, camera, options.colmap_window_s), options)
     density = float(np.mean([len(t) for t in views.track]))
     if density < options.colmap_min_tracks:
         raise BackendError(f"{density:.1f} tracks per view are too few for COLMAP ({options.colmap_min_tracks:g})")
@@ -99,6 +121,8 @@ def _write_database(path: Path, views: Views, camera: Camera) -> None:
     two_view.min_num_inliers = _MIN_SHARED
     two_view.ransac.random_seed = _SEED
     two_view.ransac.max_error = 3.0
+    two_view.ransac.min_num_trials = 30  # most tracks are good; where they are not, RANSAC goes on by itself
+    two_view.detect_watermark = False
     with pycolmap.Database.open(str(path)) as database:
         database.write_camera(model, use_camera_id=True)
         rig = pycolmap.Rig(rig_id=1)
@@ -141,6 +165,8 @@ def _mapping_options() -> pycolmap.IncrementalPipelineOptions:
     o.triangulation.random_seed = _SEED
     o.multiple_models = False
     o.extract_colors = False
+    o.ba_global_frames_ratio = o.ba_global_points_ratio = 1.4  # the factor graph refines what COLMAP leaves
+    o.ba_global_max_refinements = 2
     o.ba_refine_focal_length = False
     o.ba_refine_principal_point = False
     o.ba_refine_extra_params = False

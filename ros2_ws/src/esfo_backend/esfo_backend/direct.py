@@ -14,6 +14,7 @@ from esfo_backend.adjust import Adjusted, adjust, linear_points
 from esfo_backend.errors import BackendError
 from esfo_backend.options import StartOptions
 from esfo_backend.problem import Observations, motion_from_axis
+from esfo_backend.selection import longest_points
 from esfo_core.orbit import Matrix, Vector, angle_between
 
 _COARSE_ITERATIONS = 8
@@ -43,14 +44,18 @@ def mean_direction(obs: Observations) -> Vector:
 
 
 def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> DirectStart:
-    """Search the axis with the rate held at `rate_hz`. Raises BackendError when no start gives a finite cost."""
-    towards = mean_direction(obs)
+    """Search the axis with the rate held at `rate_hz`; the optima are finished with all points.
+
+    Raises BackendError when no start gives a finite cost.
+    """
+    towards, sample = mean_direction(obs), longest_points(obs, options.search_tracks)
     coarse: list[Adjusted] = []
     for axis in directions(options.axes):
         if angle_between(axis, towards) < 1 or angle_between(-axis, towards) < 1:
             continue
         motion = motion_from_axis(axis, towards, rate_hz)
-        coarse.append(adjust(motion, linear_points(motion, obs), obs, options.cauchy_px, False, _COARSE_ITERATIONS))
+        y = linear_points(motion, sample)
+        coarse.append(adjust(motion, y, sample, options.cauchy_px, False, _COARSE_ITERATIONS))
     coarse = sorted((c for c in coarse if np.isfinite(c.cost)), key=lambda c: c.cost)
     if not coarse:
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
@@ -58,11 +63,13 @@ def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> Di
     for candidate in coarse:
         if any(_same(candidate, o) for o in optima):
             continue
-        finished = adjust(candidate.motion, candidate.y, obs, options.cauchy_px, False)
+        finished = adjust(candidate.motion, candidate.y, sample, options.cauchy_px, False)
         if not any(_same(finished, o) for o in optima):
             optima.append(finished)
         if len(optima) == 3:
             break
+    if sample is not obs:
+        optima = [adjust(o.motion, linear_points(o.motion, obs), obs, options.cauchy_px, False) for o in optima[:2]]
     optima.sort(key=lambda c: c.cost)
     return DirectStart(optima[0], optima[1] if len(optima) > 1 else None)
 

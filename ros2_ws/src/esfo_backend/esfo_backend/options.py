@@ -27,6 +27,7 @@ class StartOptions:
 
     method: str = option("best", "start to use: the cheaper of both, or one", choices=("best", "colmap", "direct"))
     axes: int = option(24, "axes over the sphere from which the direct start searches", 4, 500)
+    search_tracks: int = option(400, "tracks, the longest of all times, with which it searches", 10)
     cauchy_px: float = option(2.0, "scale of the robust loss in px during the start", 0.1, 100.0)
     min_rows: int = option(4, "rows that a track needs to take part", 2)
     colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)

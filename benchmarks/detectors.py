@@ -27,16 +27,16 @@ SLICE = 100_000_000
 NEVER = np.iinfo(np.int64).min
 
 
-def moving_rectangles(size: tuple[int, int], rate: float, count: int) -> EventArray:
+def moving_rectangles(size: tuple[int, int], rate: float, count: int, spacing: int = 1500) -> EventArray:
     """Return `count` events of a pattern of rectangles that moves obliquely, with 5 % noise, in whole microseconds.
 
-    size: width and height in px; rate: events/s. The pattern moves by one pixel at a time; the events that this makes
+    size: width and height in px; rate: events/s; spacing: px for which there is one rectangle. The pattern moves by one pixel at a time; the events that this makes
     come in random order.
     """
     width, height = size
     rng = np.random.default_rng(1)
     pattern = np.zeros((height + 400, width + 400), np.int8)
-    for _ in range(pattern.size // 1500):
+    for _ in range(pattern.size // spacing):
         w, h = rng.integers(8, 60, 2)
         x, y = rng.integers(0, pattern.shape[1] - w), rng.integers(0, pattern.shape[0] - h)
         pattern[y : y + h, x : x + w] = rng.integers(0, 2)

@@ -18,6 +18,8 @@ from esfo_backend.selection import longest_points
 from esfo_core.orbit import Matrix, Vector, angle_between
 
 _COARSE_ITERATIONS = 8
+_FINER_ITERATIONS = 15
+_FINAL_ITERATIONS = 50
 _SAME_OPTIMUM_DEG = 2.0
 
 
@@ -59,19 +61,26 @@ def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> Di
     coarse = sorted((c for c in coarse if np.isfinite(c.cost)), key=lambda c: c.cost)
     if not coarse:
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
+    optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)
+    final = _distinct(optima, obs, options, _FINAL_ITERATIONS, 2)
+    return DirectStart(final[0], final[1] if len(final) > 1 else None)
+
+
+def _distinct(
+    starts: list[Adjusted], obs: Observations, options: StartOptions, iterations: int, count: int
+) -> list[Adjusted]:
+    """Adjust the starts in their order until there are `count` distinct optima; the cheapest first."""
     optima: list[Adjusted] = []
-    for candidate in coarse:
-        if any(_same(candidate, o) for o in optima):
+    for start in starts:
+        if any(_same(start, o) for o in optima):
             continue
-        finished = adjust(candidate.motion, candidate.y, sample, options.cauchy_px, False)
+        y = linear_points(start.motion, obs)
+        finished = adjust(start.motion, y, obs, options.cauchy_px, False, iterations)
         if not any(_same(finished, o) for o in optima):
             optima.append(finished)
-        if len(optima) == 3:
+        if len(optima) == count:
             break
-    if sample is not obs:
-        optima = [adjust(o.motion, linear_points(o.motion, obs), obs, options.cauchy_px, False) for o in optima[:2]]
-    optima.sort(key=lambda c: c.cost)
-    return DirectStart(optima[0], optima[1] if len(optima) > 1 else None)
+    return sorted(optima, key=lambda c: c.cost)
 
 
 def _same(a: Adjusted, b: Adjusted) -> bool:

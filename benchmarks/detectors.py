@@ -30,8 +30,8 @@ NEVER = np.iinfo(np.int64).min
 def moving_rectangles(size: tuple[int, int], rate: float, count: int, spacing: int = 1500) -> EventArray:
     """Return `count` events of a pattern of rectangles that moves obliquely, with 5 % noise, in whole microseconds.
 
-    size: width and height in px; rate: events/s; spacing: px for which there is one rectangle. The pattern moves by one pixel at a time; the events that this makes
-    come in random order.
+    size: width and height in px; rate: events/s; spacing: px for which there is one rectangle. The pattern moves by one
+    pixel at a time; the events that this makes come in random order.
     """
     width, height = size
     rng = np.random.default_rng(1)

@@ -202,8 +202,8 @@ def main() -> None:
     }
     if GEN4.exists():
         streams["gen4"] = ((1280, 720), np.concatenate(list(open_recording(GEN4).chunks())))
-    for name, options in SCENES.items():
-        scene = simulate(options)
+    for name, asked in SCENES.items():
+        scene = simulate(asked)
         streams[name] = ((scene.camera.width, scene.camera.height), np.concatenate(list(scene.chunks())))
     print(
         "Mev per CPU second; two threads: wall time of one over that of two; last: us per corner but for detecting.\n"

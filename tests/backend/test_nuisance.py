@@ -55,7 +55,7 @@ def test_sensitivity_is_what_a_biased_scene_shows(kind):
     scene = tracks_of(spin(AXIS), track_s=1.2)
     clean, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
     information, _ = reduced_equations(clean.motion.Q, clean.motion.rate_hz, clean.y, obs.rows, 0.0)
-    expected = bias_sensitivity(information.sum(axis=0), 4)[:, kind]
+    expected = bias_sensitivity(information.sum(axis=0), np.arange(4))[:, kind]
     size = 0.05
     off, _ = solved(biased(scene, size * np.eye(4)[kind]), scene.point_of_track, scene.spin.center)
     turned = clean.motion.Q.T @ off.motion.Q

@@ -17,6 +17,7 @@ PROMISED = {
     *("timing_s", "versions"),
 }
 BESIDE = {"reason", "t0_ns", "alternatives"}  # why there is no estimate; the time of X in points.ply; what was rejected
+BESIDE |= {"spin_rate_slope_hz_s", "spin_rate_slope_std_hz_s"}  # whether the rate is constant
 
 SPIN = Spin(np.array([0.6, 0.8, 0.0]), 0.5, np.array([0.1, 0.0, 4.0]), 1_700_000_000_123_456_789)
 VERSIONS = {"esfo": "0.1.0"}
@@ -29,6 +30,8 @@ def estimate(**changes):
         "reason": "",
         "spin": SPIN,
         "rate_std_hz": 1e-4,
+        "rate_slope_hz_s": 2e-5,
+        "rate_slope_std_hz_s": 1e-5,
         "axis_cov": np.diag([1e-6, 4e-6]),
         "points": np.zeros((5, 3)),
         "point_rms_px": np.full(5, 0.4),
@@ -64,6 +67,8 @@ def test_an_estimate_is_written_with_the_promised_keys_and_values(tmp_path):
         "reason": "",
         "spin_rate_hz": 0.5,
         "spin_rate_std_hz": 1e-4,
+        "spin_rate_slope_hz_s": 2e-5,
+        "spin_rate_slope_std_hz_s": 1e-5,
         "axis": [0.6, 0.8, 0.0],
         "axis_std_deg": pytest.approx(math.degrees(2e-3), rel=1e-12),
         "center": [0.1, 0.0, 4.0],
@@ -100,7 +105,11 @@ def test_a_failure_has_the_same_keys_and_invents_no_number(tmp_path):
     assert (content["status"], content["reason"], content["flags"]) == ("failed", "no events were received", ["empty"])
     assert (content["tracks"], content["points"], content["initialisation"]) == (3, 0, "none")
     absent = {"spin_rate_hz", "spin_rate_std_hz", "axis", "axis_std_deg", "center", "t0_ns", "radius", "orbit"}
-    assert {key for key, value in content.items() if value is None} == absent | {"rms_reprojection_px"}
+    assert {key for key, value in content.items() if value is None} == absent | {
+        "rms_reprojection_px",
+        "spin_rate_slope_hz_s",
+        "spin_rate_slope_std_hz_s",
+    }
 
 
 def test_an_axis_through_the_camera_is_written_without_an_orbit(tmp_path):

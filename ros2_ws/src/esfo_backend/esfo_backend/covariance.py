@@ -44,7 +44,7 @@ def motion_covariance(
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)
     information, _ = reduced_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px)
-    moved = bias_px * bias_sensitivity(information.sum(axis=0), _MOTION_PARAMETERS)
+    moved = bias_px * bias_sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS))
     cov = cov + moved @ moved.T
     axis = solution.motion.axis
     # A right rotation vector d of Q moves the axis by -Q (d x e_z) = Q (-d_y, d_x, 0).

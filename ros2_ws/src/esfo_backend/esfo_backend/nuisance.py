@@ -1,4 +1,4 @@
-"""The orbit problem, points eliminated, with what else may move the residuals: a slope of the rate, a bias of corners.
+"""The orbit problem, points eliminated, with what else may move residuals: slope of the rate, bias of corners.
 
 The corners of the front-end are not exactly points of the object. Part of that error is common to all of them: they
 trail their point, and lie inside or outside of its corner, as the image motion and the side from which it is seen
@@ -57,10 +57,9 @@ def reduced_equations(
 
 @njit(cache=True, nogil=True)
 def _widen(rate: float, y: NDArray[np.floating], rows: Rows, k: int, block: Matrix, wide: Matrix) -> None:
-    """Write residual, motion, slope, bias and point columns of row k into wide (2, 13); block: of `linearize_row`.
+    """Write residual, motion, slope, bias and point columns of row k into wide (2, 13).
 
-    What the point does in the image per second is what the rate does per Hz, times rate / dt, but exact at dt = 0: it
-    is the derivative by y along the point's own velocity.
+    block: of `linearize_row`. The direction of the image motion is the derivative by y along the point's own velocity.
     """
     theta = 2 * np.pi * rate * rows.dt[k]
     across = np.cos(theta) * y[1] - np.sin(theta) * y[0]
@@ -79,12 +78,12 @@ def _widen(rate: float, y: NDArray[np.floating], rows: Rows, k: int, block: Matr
         wide[i, 8], wide[i, 9] = weight * along * side, weight * aside * side
 
 
-def bias_sensitivity(information: Matrix, solved: int) -> Matrix:
-    """How much the first `solved` columns move for a bias of 1 px of each kind, (solved, 4).
+def bias_sensitivity(information: Matrix, solved: NDArray[np.int64]) -> Matrix:
+    """How much the columns `solved` (S,) move for a bias of 1 px of each kind, (S, 4), when they alone are estimated.
 
     information: (9, 9), summed over points.
     """
-    return solve_scaled(information[:solved, :solved], information[:solved, BIAS])
+    return solve_scaled(information[np.ix_(solved, solved)], information[solved, BIAS])
 
 
 def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
@@ -92,3 +91,22 @@ def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
     return np.asarray(inverse @ (right / scale[:, None]) / scale[:, None])
+
+
+def gauss_newton(
+    equations: tuple[NDArray[np.float64], Matrix], solved: NDArray[np.int64], bias_px: float
+) -> tuple[NDArray[np.float64], Matrix]:
+    """One step of the columns `solved` (S,) from the optimum, and its covariance (S, S).
+
+    equations: of `reduced_equations`. The covariance treats only points as independent (sandwich estimator, clusters =
+    points) and adds a common bias of corners of bias_px.
+    """
+    every, scores = equations[0], equations[1][:, solved]
+    information = every.sum(axis=0)
+    parts = every[:, solved[:, None], solved]
+    inverse = solve_scaled(information[np.ix_(solved, solved)], np.eye(len(solved)))
+    step = -inverse @ scores.sum(axis=0)
+    left = scores + parts @ step  # what the residuals still say after the step: a drift is no noise
+    small_sample = len(parts) / max(len(parts) - len(solved), 1)
+    biased = bias_px * bias_sensitivity(information, solved)
+    return step, small_sample * inverse @ (left.T @ left) @ inverse + biased @ biased.T

@@ -72,6 +72,10 @@ class VerdictOptions:
     max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
     drift_z: float = option(4.0, "significance in std at which a slope of the rate counts as one", 0.0)
     max_drift: float = option(0.005, "change of the rate over the recording, relative, that is called constant", 0.0)
+    constancy_z: float = option(4.0, "significance in std at which a wandering axis or centre counts as one", 0.0)
+    max_wander_deg: float = option(0.1, "wandering of the axis between thirds of a turn called none, degrees", 0.0)
+    max_missed_px: float = option(0.25, "shift or growth of the image from one turn to the next called none, px", 0.0)
+    min_turns: float = option(1.0, "turns below which nothing confirms the rate", 0.0)
     mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)
 
 

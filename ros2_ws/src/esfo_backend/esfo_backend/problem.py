@@ -62,6 +62,16 @@ class Observations:
         """Point of each row, (N,)."""
         return np.repeat(np.arange(self.points), np.diff(self.rows.first))
 
+    def part(self, chosen: NDArray[np.bool_], min_rows: int) -> Observations:
+        """Keep the rows chosen by a mask (N,), and only points that have `min_rows` of them."""
+        point = self.point_index()
+        enough = np.bincount(point[chosen], minlength=self.points) >= min_rows
+        k = np.flatnonzero(chosen & enough[point])
+        dt, xy, weight, _, focal = self.rows
+        counts = np.bincount(point[k], minlength=self.points)
+        first = np.concatenate([[0], np.cumsum(counts[counts > 0])])
+        return Observations(Rows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
+
     def regroup(self, label: NDArray[np.int64]) -> Observations:
         """Merge points: point j becomes part of point label[j]; a negative label drops it."""
         row_label = label[self.point_index()]
@@ -82,7 +92,7 @@ def observations(tracks: Tracks, camera: Camera, min_rows: int) -> tuple[Observa
     ids, counts = np.unique(ordered.track_id, return_counts=True)
     long_enough = np.repeat(counts >= min_rows, counts)
     if not long_enough.any():
-        raise BackendError(f"none of {len(ids)} tracks has {min_rows} rows")
+        raise BackendError(f"none of {len(ids)} tracks has {min_rows} rows", "too_few_points")
     kept = ordered.select(long_enough)
     counts = counts[counts >= min_rows]
     t_ref = int(kept.t.min() + (kept.t.max() - kept.t.min()) // 2)

@@ -81,16 +81,20 @@ def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
     A multiple of the period correlates as well as the period itself, so the best lag is divided by 12, 11, .. 2 until
     the shorter lag is not significantly worse. Raises BackendError when no lag stands out: nothing here repeats.
     """
-    features = _features(activity)
+    return period_of(features_of(counts_of(activity)), activity.bin, options)
+
+
+def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRate:
+    """As `correlation_rate`, for features (B, F) of bins of bin_ns."""
     if features.shape[1] == 0 or len(features) < 4 * _MARGIN:
         raise BackendError(f"{len(features)} bins of activity are too few to look for a period")
     longest = int(len(features) * (1 - options.min_overlap))
-    r = _autocorrelation(features, longest)
-    peaks = _peaks(r)
+    r = autocorrelation(features, longest)
+    peaks = peaks_of(r)
     if not len(peaks):
         raise BackendError("the event stream does not repeat: its correlation has no peak")
     best = _interpolated_peak(features, int(peaks[np.argmax(r[peaks])]))
-    in_hz = NANOSECONDS / activity.bin
+    in_hz = NANOSECONDS / bin_ns
     lag, multiples = best, []
     shortest = float(peaks[0]) - 1  # before the first peak images are alike because little has moved
     for divisor in range(_LARGEST_HARMONIC, 1, -1):
@@ -113,19 +117,24 @@ def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
     return SpinRate(in_hz / _refine(features, r, lag, longest), correlation, prominence, tuple(considered))
 
 
-def _features(activity: Activity) -> Matrix:
+def counts_of(activity: Activity) -> Matrix:
+    """Counts (B, C) of every cell and polarity."""
+    return np.asarray(activity.counts.reshape(len(activity.counts), -1), np.float64)
+
+
+def features_of(counts: Matrix) -> Matrix:
     """(B, F) square roots of the counts (which evens out their Poisson noise), smoothed, mean over time removed.
 
     Smoothing over a few bins limits the band, so that lags between two bins can be interpolated.
     """
-    flat = np.sqrt(activity.counts.reshape(len(activity.counts), -1).astype(np.float64))
+    flat = np.sqrt(np.maximum(counts, 0.0))
     power = flat.var(axis=0)
     busiest = np.sort(np.argsort(power, kind="stable")[::-1][:_MOST_FEATURES])
     smooth = gaussian_filter1d(flat[:, busiest[power[busiest] > 0]], _SMOOTHING_BINS, axis=0)
     return np.asarray(smooth - smooth.mean(axis=0))
 
 
-def _autocorrelation(features: Matrix, longest: int) -> Vector:
+def autocorrelation(features: Matrix, longest: int) -> Vector:
     """Correlation r (longest + 1,) of the images over lags in bins, each over the part where both exist."""
     n = len(features)
     spectrum = np.abs(np.fft.rfft(features, 2 * n, axis=0)) ** 2
@@ -142,7 +151,7 @@ def _correlation(r: Vector, lag: float) -> float:
     return float(np.interp(lag, np.arange(len(r)), r))
 
 
-def _peaks(r: Vector) -> NDArray[np.int64]:
+def peaks_of(r: Vector) -> NDArray[np.int64]:
     """Local maxima of r after its first descent."""
     rising = np.flatnonzero(np.diff(r) > 0)
     if not len(rising):

@@ -58,7 +58,8 @@ def prune(structure: Structure, options: BackendOptions) -> Structure:
         if keep.sum() < needed:
             raise BackendError(
                 f"only {int(keep.sum())} of {len(keep)} points follow one rotation to {limit_px} px; "
-                f"{needed} are needed"
+                f"{needed} are needed",
+                "too_few_points",
             )
         new_label = np.where(keep, np.cumsum(keep) - 1, -1)
         obs = structure.obs.regroup(new_label)

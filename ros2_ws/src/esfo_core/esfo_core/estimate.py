@@ -38,7 +38,9 @@ class OrbitEstimate:
 
     status: `ok`, `degenerate` (something named in flags is not observable) or `failed` (no estimate; reason says why).
     spin: the motion, None when failed. Lengths are in units of `scale`: `unit` sets the orbit radius to 1.
-    rate_std_hz: standard deviation of the rate. axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
+    rate_std_hz: standard deviation of the rate; with the flag rate_not_constant the rate is that at spin.t0.
+    rate_slope_hz_s, rate_slope_std_hz_s: change of the rate with its standard deviation, Hz per second.
+    axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
     points: (P, 3) in the object's coordinates at spin.t0 (camera-aligned, origin at spin.center).
     point_rms_px, point_rows: (P,) reprojection error and number of observations of each point.
     tracks, observations: how many of each support the points. revolutions: turns seen.
@@ -59,6 +61,8 @@ class OrbitEstimate:
     revolutions: float
     rms_px: float
     initialisation: str
+    rate_slope_hz_s: float = math.nan
+    rate_slope_std_hz_s: float = math.nan
     scale: str = "unit"
     t_first: int = 0
     t_last: int = 0
@@ -107,6 +111,8 @@ class OrbitEstimate:
             "reason": self.reason,
             **_spin_fields(self.spin),
             "spin_rate_std_hz": self.rate_std_hz,
+            "spin_rate_slope_hz_s": self.rate_slope_hz_s,
+            "spin_rate_slope_std_hz_s": self.rate_slope_std_hz_s,
             "axis_std_deg": self.axis_std_deg,
             "scale": self.scale,
             "points": len(self.points),

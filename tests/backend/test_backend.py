@@ -84,7 +84,7 @@ def test_no_rotation_is_a_failure_with_a_reason():
     assert estimate.spin is None
     assert "rotation" in estimate.reason or "round again" in estimate.reason
     noise = backend_for(scene, options=DIRECT)
-    noise._activity = [  # the same tracks with a stream that does not repeat
+    noise._history._recent = [  # the same tracks with a stream that does not repeat
         type(activity)(
             activity.t0, activity.bin, activity.cell, rng.poisson(1, activity.counts.shape).astype(np.uint16)
         )

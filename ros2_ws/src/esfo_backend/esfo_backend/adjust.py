@@ -221,3 +221,13 @@ def adjust(
     )
     U, _, Vt = np.linalg.svd(Q)  # rounding of many small rotations
     return Adjusted(Motion(U @ Vt, float(rate)), points, float(cost), int(used))
+
+
+def schur_marginal(solution: Adjusted, obs: Observations, cauchy_px: float) -> Matrix:
+    """Marginal covariance (4, 4) of (rotation vector of Q, rate) as of the factor graph; NaN where indeterminate."""
+    H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 2)
+    try:
+        eliminated = np.einsum("pij,pkj->ik", H.mp, np.linalg.solve(H.pp, H.mp.transpose(0, 2, 1)).transpose(0, 2, 1))
+        return np.asarray(np.linalg.inv(H.mm - eliminated))
+    except np.linalg.LinAlgError:
+        return np.full((4, 4), np.nan)

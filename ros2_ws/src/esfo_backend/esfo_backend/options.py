@@ -81,10 +81,30 @@ class VerdictOptions:
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """When a live estimate is made anew."""
+    """When a live estimate is made anew, and from how much."""
 
     min_turns: float = option(1.35, "turns that must have been seen before the first estimate", 0.1)
-    interval_s: float = option(1.0, "sensor time in s between two estimates", 0.05)
+    interval_s: float = option(0.1, "sensor time in s between two estimates", 0.01)
+    search_s: float = option(1.0, "sensor time in s between two searches while there is no estimate", 0.05)
+    max_tracks: int = option(500, "tracks that a live estimate is made from", 20)
+
+
+@dataclass(frozen=True)
+class MemoryOptions:
+    """What is kept of a long stream. Within these limits nothing is left out."""
+
+    max_bins: int = option(24_000, "bins of activity; beyond, the latest or coarser ones", 1000)
+    turns: float = option(16.0, "turns that the latest bins must hold for earlier ones to be forgotten", 2.0)
+    max_rows: int = option(1_000_000, "rows of tracks; beyond, the longest tracks of every part of the time", 1000)
+
+
+@dataclass(frozen=True)
+class ScaleOptions:
+    """A known length makes the result metric; at most one of them, 0 is unknown."""
+
+    distance_m: float = option(0.0, "distance from the camera to the object's centre, m", 0.0)
+    radius_m: float = option(0.0, "radius of the orbit, which is the camera's distance from the spin axis, m", 0.0)
+    size_m: float = option(0.0, "largest distance between two points of the object, m", 0.0)
 
 
 @dataclass(frozen=True)
@@ -97,6 +117,8 @@ class BackendOptions:
     graph: GraphOptions = field(default_factory=GraphOptions)
     verdict: VerdictOptions = field(default_factory=VerdictOptions)
     live: LiveOptions = field(default_factory=LiveOptions)
+    memory: MemoryOptions = field(default_factory=MemoryOptions)
+    scale: ScaleOptions = field(default_factory=ScaleOptions)
 
 
 PRESETS: dict[str, BackendOptions] = {

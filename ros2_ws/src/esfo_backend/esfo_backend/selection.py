@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_backend.problem import Observations
+from esfo_core.tracks import Tracks
 
 _PARTS = 16
 
@@ -26,6 +27,18 @@ def spread(begin: NDArray[np.int64], rows: NDArray[np.int64], rank: NDArray[np.i
     place = np.arange(len(order))
     turn = place - np.maximum.accumulate(np.where(new, place, 0))  # place of a track among those of its rank and part
     return np.sort(order[np.lexsort((-rows[order], turn, rank[order]))[:count]])
+
+
+def spread_tracks(tracks: Tracks, count: int) -> Tracks:
+    """Return the rows of at most `count` tracks, chosen by `spread`; `tracks` itself when it has no more."""
+    ids, index, rows = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
+    if len(ids) <= count:
+        return tracks
+    begin = np.full(len(ids), np.iinfo(np.int64).max)
+    np.minimum.at(begin, index, tracks.t)
+    kept = np.zeros(len(ids), bool)
+    kept[spread(begin, rows, np.zeros(len(ids), np.int64), count)] = True
+    return tracks.select(kept[index])
 
 
 def longest_points(obs: Observations, count: int) -> Observations:

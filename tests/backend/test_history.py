@@ -1,0 +1,117 @@
+"""Bounded memory: what is kept, what is forgotten, and that nothing is within the limits."""
+
+import numpy as np
+import pytest
+
+from esfo_backend.history import History, coarser
+from esfo_backend.options import MemoryOptions
+from esfo_core.activity import Activity, ActivityError
+from esfo_core.tracks import Tracks, TrackUpdate
+
+BIN = 5_000_000
+NONE = TrackUpdate(Tracks.empty(), np.empty(0, np.uint32))
+SMALL = MemoryOptions(max_bins=1000, max_rows=1000)
+
+
+def pieces(bins, seed=0, begin=0, size=7):
+    rng = np.random.default_rng(seed)
+    counts = rng.poisson(3.0, (bins, 2, 2, 3)).astype(np.uint16)
+    return [Activity(begin + k * BIN, BIN, 32, counts[k : k + size]) for k in range(0, bins, size)]
+
+
+def tracks(ids, t, rows=4):
+    track_id, times = np.repeat(ids, rows), np.repeat(t, rows) + np.tile(np.arange(rows), len(ids))
+    return Tracks.from_columns(track_id, times, np.zeros((len(times), 2)), np.ones(len(times)))
+
+
+def fed(history, parts):
+    for part in parts:
+        history.add(NONE, part)
+    return history
+
+
+def test_within_the_limits_everything_is_kept():
+    history = fed(History(SMALL), pieces(1000))
+    rows = tracks(np.arange(250), np.arange(250))
+    history.add(TrackUpdate(rows, np.empty(0, np.uint32)), None)
+    seen = history.seen()
+    whole = Activity.concatenate(pieces(1000))
+    assert np.array_equal(seen.activity.counts, whole.counts)
+    assert (seen.activity.t0, seen.activity.bin, seen.begin, seen.after_gap) == (0, BIN, 0, False)
+    assert len(seen.tracks) == 1000
+    assert np.array_equal(seen.tracks.track_id, rows.track_id)
+
+
+def test_slow_turns_keep_all_time_in_coarser_bins():
+    history, every = History(SMALL), pieces(9001, size=13)
+    for k, part in enumerate(every):
+        history.add(NONE, part)
+        assert history.bins <= 1000 + 13
+        seen = history.seen()
+        factor = seen.activity.bin // BIN
+        whole = coarser(Activity.concatenate(every[: k + 1]), factor) if k % 50 == 0 or k == len(every) - 1 else None
+        if whole is not None:  # every event is still counted, at its time
+            assert seen.activity.t0 == 0
+            assert np.array_equal(seen.activity.counts, whole.counts)
+    assert factor == 16
+
+
+def test_fast_turns_keep_the_latest_bins():
+    history = History(SMALL)
+    history.rate_hz = 10.0
+    every = pieces(5000)
+    for part in every:
+        history.add(NONE, part)
+        assert history.bins <= 1000 + 7
+    seen, whole = history.seen(), Activity.concatenate(every)
+    assert seen.activity.bin == BIN
+    assert seen.activity.end == whole.end
+    assert seen.begin == 0
+    n = len(seen.activity.counts)
+    assert n >= 750
+    assert np.array_equal(seen.activity.counts, whole.counts[-n:])
+
+
+def test_a_long_pause_drops_what_was_before():
+    for options in (SMALL, MemoryOptions()):
+        history = fed(History(options), pieces(3000))
+        history.add(TrackUpdate(tracks([1], [5]), np.empty(0, np.uint32)), None)
+        later = 3000 * BIN + 61_000_000_000
+        fed(history, pieces(100, 1, later))
+        history.add(TrackUpdate(tracks([2], [later + 5]), np.empty(0, np.uint32)), None)
+        seen = history.seen()
+        assert seen.after_gap
+        assert seen.begin == seen.activity.t0 == later
+        assert np.array_equal(seen.activity.counts, Activity.concatenate(pieces(100, 1, later)).counts)
+        assert set(seen.tracks.track_id) == {2}
+
+
+def test_a_short_pause_stays():
+    history = fed(History(SMALL), pieces(1200))
+    fed(history, pieces(100, 1, 1300 * BIN))
+    counts = history.seen().activity.counts
+    assert counts.shape[0] == 700
+    assert counts[600:650].sum() == 0
+    assert counts[650:].sum() == sum(int(p.counts.sum()) for p in pieces(100, 1))
+
+
+def test_overlapping_activity_is_an_error_however_much_there_is():
+    for bins in (50, 3000):
+        history = fed(History(SMALL), pieces(bins))
+        fed(history, pieces(bins))
+        with pytest.raises(ActivityError, match="overlaps"):
+            history.seen()
+        assert history.bins <= 1000 + 7
+
+
+def test_tracks_are_bounded_and_those_that_recur_stay():
+    history = History(SMALL)
+    history.recurring = np.arange(0, 100, 10, dtype=np.uint32)
+    for k in range(2000):
+        history.add(TrackUpdate(tracks([k], [k * BIN], 3 + k % 5), np.empty(0, np.uint32)), None)
+        assert history.rows <= 1000
+    kept, rows = np.unique(history.tracks().track_id, return_counts=True)
+    assert set(history.recurring) <= set(kept)
+    assert len(kept) > 80
+    assert np.array_equal(rows, 3 + kept % 5)  # whole tracks
+    assert kept[10:].min() < 400  # not the latest alone

@@ -92,7 +92,9 @@ class PlainAssociation:
         if track.id < 0 and len(track.corners) >= self.o.first_corners:
             track.id, self.next_id = self.next_id, self.next_id + 1
         if track.id >= 0:
-            rows.append((track.id, *self.mean(np.array(track.row))))
+            t, u, v, sigma = self.mean(np.array(track.row))
+            ahead = self.o.lag * track.velocity / np.linalg.norm(track.velocity)
+            rows.append((track.id, t, u + ahead[0], v + ahead[1], sigma))
         track.row = []
 
     def mean(self, row):
@@ -149,7 +151,7 @@ def follow(corners, options=AssociationOptions(), tracks=TrackOptions(), step=5 
 
 
 OTHER = AssociationOptions(
-    gate=3.0, spacing=0.0, memory=8.0, coast=2.0, wait=1000.0, longest_gap=40.0, step=2.1, first_corners=6
+    gate=3.0, spacing=0.0, memory=8.0, coast=2.0, wait=1000.0, longest_gap=40.0, step=2.1, lag=0.0, first_corners=6
 )
 
 
@@ -238,11 +240,22 @@ def test_sigma_covers_the_error_of_the_mean():
     # 0.6 px and rounding make 0.67 px: the gate is then at 3.7 standard deviations and takes nothing away.
     rng = np.random.default_rng(7)
     paths = [(10, 5 + 10 * k, 150.0, 0.0, 0, 600, 1) for k in range(8)]
-    _, rows, _ = follow(moving_points(rng, paths, 3.0, scatter=0.6), tracks=TrackOptions(min_sigma=0.01))
+    corners = moving_points(rng, paths, 3.0, scatter=0.6)
+    _, rows, _ = follow(corners, AssociationOptions(lag=0.0), TrackOptions(min_sigma=0.01))
     error = rows.uv - np.column_stack([10 + 150.0 * rows.t / 1e9, 5 + 10 * np.rint((rows.uv[:, 1] - 5) / 10)])
     assert len(rows) > 150
     # The prior of 1 px counts for 4 of some 20 degrees of freedom, so that the stated error is a little too large.
     assert 0.8 < np.sqrt(((error / rows.sigma[:, None]) ** 2).mean()) < 1.2
+
+
+def test_rows_are_moved_ahead_by_the_lag():
+    rng = np.random.default_rng(8)
+    corners = moving_points(rng, [(10, 20, 120.0, 90.0, 0, 600, 1)], 4.0)
+    still, moved = (follow(corners, AssociationOptions(lag=lag))[1] for lag in (0.0, 2.0))
+    assert len(still) > 10
+    # The direction is that of the track, which 0.7 px of scatter turn by some degrees.
+    assert np.abs(moved.uv - still.uv - 2.0 * np.array([0.8, 0.6])).max() < 1.0
+    assert np.abs((moved.uv - still.uv).mean(axis=0) - [1.6, 1.2]).max() < 0.1
 
 
 def test_memory_is_that_of_the_living_tracks():

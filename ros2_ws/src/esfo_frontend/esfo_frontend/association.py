@@ -44,7 +44,9 @@ class CornerAssociation:
     by `wait`.
 
     A row is the mean position and time of the corners while the track moved on by `step`: rows come once per distance,
-    not once per time, so that the motion within a row is small and the number of corners enough at any speed.
+    not once per time, so that the motion within a row is small and the number of corners enough at any speed. It is
+    moved ahead by `lag`, since corner events come when the corner has passed: the detector asks for an arc of older
+    events round the pixel, and the sensor for a change that lies within the blur of the edge.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class CornerAssociation:
             options.wait,
             float(nanoseconds(options.longest_gap)),
             options.step**2,
+            options.lag,
             options.first_corners,
             tracks.min_corners,
         )

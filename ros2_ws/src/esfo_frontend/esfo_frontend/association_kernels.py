@@ -98,6 +98,7 @@ class Limits(NamedTuple):
     wait: float
     longest_gap: float
     step2: float
+    lag: float
     first_corners: int
     min_corners: int
 
@@ -131,7 +132,7 @@ def associate(corners, state, limits, label, rows):  # type: ignore[no-untyped-d
                 track.id = shared.next_id
                 shared.next_id += 1
             if track.id >= 0:
-                write_row(track, rows[count])
+                write_row(track, limits.lag, rows[count])
                 count += 1
             track.row_n = 0
         label[i] = track.id
@@ -248,8 +249,8 @@ def add_to_row(track, x, y, t, limits):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def write_row(track, row):  # type: ignore[no-untyped-def]
-    """Average the corners of the row; their scatter is that about a straight line over time."""
+def write_row(track, lag, row):  # type: ignore[no-untyped-def]
+    """Average the corners of the row and move it `lag` px ahead; their scatter is that about a line over time."""
     n = track.row_n
     s, x, y = track.row_st / n, track.row_sx / n, track.row_sy / n
     spread = track.row_stt - n * s * s
@@ -258,7 +259,8 @@ def write_row(track, row):  # type: ignore[no-untyped-def]
         scatter -= ((track.row_stx - n * s * x) ** 2 + (track.row_sty - n * s * y) ** 2) / spread
     row.id, row.n, row.residual = track.id, n, max(scatter, 0.0)
     row.t = track.row_t0 + np.int64(np.rint(s * 1e9))
-    row.u, row.v = track.x0 + x, track.y0 + y
+    ahead = lag / max(np.hypot(track.vx, track.vy), 1e-9)
+    row.u, row.v = track.x0 + x + ahead * track.vx, track.y0 + y + ahead * track.vy
 
 
 @njit(cache=True, nogil=True)

@@ -77,6 +77,7 @@ class AssociationOptions:
     wait: float = option(5.0, "slow tracks end when the typical track has moved so far, px", 0.1, 1000.0)
     longest_gap: float = option(300.0, "time without a corner after which any track ends, ms", 0.1, 60_000.0)
     step: float = option(4.0, "image motion of a track over which the corners of a row are averaged, px", 0.1, 100.0)
+    lag: float = option(0.6, "corner events trail their corner by this: rows are moved ahead, px", 0.0, 10.0)
     first_corners: int = option(10, "corners that a track needs before its first row", 2, 10_000)
     slice: float = option(10.0, "time after which the corners of the stream are taken in together, ms", 0.1, 1000.0)
 

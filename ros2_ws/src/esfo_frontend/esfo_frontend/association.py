@@ -19,15 +19,8 @@ from numpy.typing import NDArray
 
 from esfo_core.events import EventArray
 from esfo_core.tracks import Tracks, TrackUpdate
-from esfo_frontend.association_kernels import (
-    ROW_DTYPE,
-    SHARED_DTYPE,
-    TRACK_DTYPE,
-    Grid,
-    Limits,
-    associate,
-    expire,
-)
+from esfo_frontend.association_kernels import Limits, associate
+from esfo_frontend.association_table import ROW_DTYPE, SHARED_DTYPE, TRACK_DTYPE, Grid, expire
 from esfo_frontend.options import AssociationOptions, TrackOptions, nanoseconds
 from esfo_frontend.tracks import sigma_of_mean
 

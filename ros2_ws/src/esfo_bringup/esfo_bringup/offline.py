@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from esfo_backend.backend import STAGES, Backend
+from esfo_backend.backend import Backend
+from esfo_backend.solver import STAGES
 from esfo_bringup.progress import follow, next_stage, stage_bar
 from esfo_bringup.replay.player import check_size
 from esfo_bringup.settings import RunSettings
@@ -72,7 +73,7 @@ def run_offline(source: Source, settings: RunSettings) -> RunResult:
         tracks.append(output.tracks.observations)
     tracking_s = time.perf_counter() - begin
     with stage_bar(len(STAGES)) as bar:
-        backend.on_stage = lambda name: next_stage(bar, name)
+        backend.tell_stages(lambda name: next_stage(bar, name))
         estimate = with_source(backend.solve(), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
     return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)

@@ -1,0 +1,257 @@
+"""The whole way from tracks and activity to an orbit, once: rate, start, re-identification, factor graph, verdict."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_backend.changing_rate import ChangingRate, bent, changing_rate
+from esfo_backend.constancy import constancy
+from esfo_backend.covariance import motion_covariance
+from esfo_backend.direct import mean_direction
+from esfo_backend.drift import RateDrift, rate_drift
+from esfo_backend.errors import BackendError
+from esfo_backend.graph import GraphResult, optimise_graph
+from esfo_backend.no_period import why_no_period
+from esfo_backend.options import BackendOptions
+from esfo_backend.problem import observations, spin_and_points
+from esfo_backend.projection import row_errors
+from esfo_backend.reidentify import point_rms
+from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
+from esfo_backend.start import Start, choose_start
+from esfo_backend.structure import Structure, build_structure, prune, recurring_points
+from esfo_backend.verdict import Evidence, judge
+from esfo_core.activity import Activity
+from esfo_core.camera import Camera
+from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.orbit import NANOSECONDS
+from esfo_core.tracks import Tracks
+
+STAGES = ("spin_rate", "start", "reidentification", "graph")
+"""Names of the stages of an estimate, in their order."""
+
+
+@dataclass
+class Stopwatch:
+    """Times the stages of an estimate; on_stage is told the name of each as it begins."""
+
+    on_stage: Callable[[str], None]
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time what happens within the context."""
+        self.on_stage(name)
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - begin, 3)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found and a live estimate goes on from; turns: how many were seen then."""
+
+    rate: SpinRate
+    start: Start
+    structure: Structure
+    ids: NDArray[np.uint32]
+    turns: float
+
+
+class Solver:
+    """Makes estimates. on_stage: told the name of each of STAGES as it begins.
+
+    last_start: of the last search. found: what it found, None where there is nothing that could go on. rate_hz: of the
+    event stream, None before the first search.
+    """
+
+    def __init__(self, camera: Camera, options: BackendOptions) -> None:
+        self.camera, self.options = camera, options
+        self.on_stage: Callable[[str], None] = lambda name: None
+        self.last_start: Start | None = None
+        self.found: Found | None = None
+        self.rate_hz: float | None = None
+
+    def search(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
+        """Estimate from nothing but the data; a failure says why there is none. thorough: as in `Backend.solve`."""
+        self.found = None
+        known = {
+            "tracks": len(np.unique(tracks.track_id)),
+            "observations": len(tracks),
+            "t_first": activity.t0,
+            "t_last": activity.end,
+        }
+        watch = Stopwatch(self.on_stage)
+        try:
+            return self._solve(tracks, activity, watch, thorough)
+        except BackendError as error:
+            return OrbitEstimate.failure(str(error), flags=error.flags, timing_s=watch.seconds, **known)
+
+    def _solve(self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool) -> OrbitEstimate:
+        """Take the rate for constant first, and for one that changes evenly where that does not hold."""
+        try:
+            with watch.stage("spin_rate"):
+                rate = self._spin_rate(activity)
+        except BackendError as error:
+            if self.options.rate.method == "fourier":
+                raise
+            return self._solve_changing(tracks, activity, watch, error)
+        estimate = self._solve_at(rate, None, tracks, activity, watch, thorough)
+        if "rate_not_constant" not in estimate.flags or self.options.rate.method == "fourier":
+            return estimate
+        try:
+            return self._solve_changing(tracks, activity, watch, None)
+        except BackendError:
+            return estimate
+
+    def _solve_changing(
+        self, tracks: Tracks, activity: Activity, watch: Stopwatch, error: BackendError | None
+    ) -> OrbitEstimate:
+        """Solve for a rate that changes evenly. error: why there is no constant one; raised anew with its cause."""
+        duration_s = (activity.end - activity.t0) / NANOSECONDS
+        try:
+            with watch.stage("spin_rate"):
+                changing = changing_rate(activity, self.options.rate)
+        except BackendError:
+            if error is None:
+                raise
+            why = why_no_period(tracks, duration_s, self.options.verdict.min_points)
+            raise BackendError(f"{error}; {why.reason}", why.flag) from error
+        try:
+            return self._solve_at(changing.rate, changing, tracks, activity, watch, False)
+        except BackendError as later:
+            raise BackendError(f"{changing}; {later}", "rate_not_constant", *later.flags) from later
+
+    def _solve_at(
+        self,
+        rate: SpinRate,
+        changing: ChangingRate | None,
+        tracks: Tracks,
+        activity: Activity,
+        watch: Stopwatch,
+        thorough: bool,
+    ) -> OrbitEstimate:
+        """Paper, section 5: start and factor graph; between them the re-identification of docs/method.md."""
+        options = self.options
+        self.rate_hz = rate.rate_hz
+        span = changing.span if changing else (activity.t0, activity.end)
+        turns = rate.rate_hz * (span[1] - span[0]) / NANOSECONDS
+        if turns < options.live.min_turns:
+            raise BackendError(f"{turns:.2f} turns were seen; {options.live.min_turns} are needed", "too_few_turns")
+        obs, ids = observations(tracks, self.camera, options.start.min_rows)
+        if changing:
+            obs = bent(obs, changing)
+        with watch.stage("start"):
+            start = choose_start(tracks, obs, self.camera, rate.rate_hz, options, thorough)
+        self.last_start = start
+        with watch.stage("reidentification"):
+            structure = build_structure(start, obs, options)
+        with watch.stage("graph"):
+            structure = prune(structure, options)
+            result = optimise_graph(
+                structure.solution, structure.obs, options.graph.cauchy_px, options.graph.iterations
+            )
+        structure = replace(structure, solution=result.adjusted)
+        self.found = None if changing else Found(rate, start, structure, ids, turns)
+        return self.estimate(structure, result, rate, changing, start, span, watch)
+
+    def _spin_rate(self, activity: Activity) -> SpinRate:
+        if self.options.rate.method == "fourier":
+            return SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
+        return correlation_rate(activity, self.options.rate)
+
+    def estimate(
+        self,
+        structure: Structure,
+        result: GraphResult,
+        rate: SpinRate,
+        changing: ChangingRate | None,
+        start: Start,
+        span: tuple[int, int],
+        watch: Stopwatch,
+    ) -> OrbitEstimate:
+        """Judge an optimum and put the estimate together. span: begin and end of the data, ns."""
+        solution, obs, label = structure.solution, structure.obs, structure.label
+        noise = (self.options.graph.cauchy_px, self.options.graph.bias_px)
+        covariance = motion_covariance(solution, obs, result.marginal, *noise)
+        drift = rate_drift(solution, obs, *noise)
+        if changing:
+            drift = RateDrift(changing.slope + drift.slope, drift.std)
+        duration_s = (span[1] - span[0]) / NANOSECONDS
+        revolutions = solution.motion.rate_hz * duration_s
+        errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
+        alternatives = _alternatives(rate, start)
+        inliers = label >= 0
+        verdict = judge(
+            Evidence(
+                solution.motion.rate_hz,
+                solution.motion.axis,
+                mean_direction(obs),
+                covariance,
+                obs.points,
+                recurring_points(obs, solution.motion.rate_hz) if self.options.reidentification.enabled else None,
+                float(inliers.mean()),
+                alternatives,
+                min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
+                drift,
+                constancy(solution, obs, *noise),
+                revolutions,
+                duration_s,
+            ),
+            self.options.verdict,
+        )
+        spin, points = spin_and_points(solution.motion, solution.y, obs.t_ref, changing.middle if changing else span[0])
+        estimate = OrbitEstimate(
+            status=verdict.status,
+            flags=verdict.flags,
+            reason=verdict.reason,
+            spin=spin,
+            rate_std_hz=covariance.rate_std_hz,
+            axis_cov=covariance.axis_cov,
+            points=points,
+            point_rms_px=point_rms(errors, obs),
+            point_rows=np.diff(obs.rows.first),
+            tracks=int(inliers.sum()),
+            observations=len(obs.rows.dt),
+            revolutions=revolutions,
+            rms_px=float(np.sqrt(np.mean(errors**2))),
+            initialisation=start.name,
+            rate_slope_hz_s=drift.slope,
+            rate_slope_std_hz_s=drift.std,
+            t_first=span[0],
+            t_last=span[1],
+            alternatives=alternatives,
+            timing_s=watch.seconds,
+        )
+        if verdict.status != "failed":
+            return estimate
+        return OrbitEstimate.failure(
+            verdict.reason,
+            flags=verdict.flags,
+            tracks=estimate.tracks,
+            observations=estimate.observations,
+            t_first=span[0],
+            t_last=span[1],
+            alternatives=alternatives,
+            timing_s=watch.seconds,
+        )
+
+
+def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
+    found = [
+        Alternative("harmonic", h.rate_hz, np.zeros(3), rate.correlation / max(h.correlation, 1e-9))
+        for h in rate.harmonics
+        if h.correlation > 0.1 * rate.correlation
+    ]
+    if start.second is not None:
+        ratio = start.second.cost / max(start.adjusted.cost, 1e-12)
+        mirrored = start.second.motion.axis @ start.adjusted.motion.axis < 0
+        found.append(
+            Alternative("mirror" if mirrored else "axis", start.second.motion.rate_hz, start.second.motion.axis, ratio)
+        )
+    return tuple(found)

@@ -35,18 +35,23 @@ def part(scene, activity, k):
 
 @pytest.fixture(scope="module")
 def half_hertz():
-    return stream(0.5, 12.0)
+    return stream(0.5, 9.0)
 
 
 @pytest.fixture(scope="module")
-def live(half_hertz):
-    """Estimates of a live back-end with the time in s at which each came."""
+def backend_and_live(half_hertz):
+    """A live back-end, and its estimates with the time in s at which each came."""
     backend, found = Backend(CAMERA, DIRECT), []
     for k, piece in enumerate(half_hertz[2]):
         estimate = backend.update(*piece)
         if estimate is not None:
             found.append((STEP_S * (k + 1), estimate))
-    return found
+    return backend, found
+
+
+@pytest.fixture(scope="module")
+def live(backend_and_live):
+    return backend_and_live[1]
 
 
 def test_the_first_estimate_comes_within_a_turn_and_two_seconds(live):
@@ -64,27 +69,25 @@ def test_a_fast_object_is_known_within_a_turn_and_two_seconds():
 def test_then_one_comes_every_tenth_of_a_second(live):
     times = np.array([t for t, e in live if e.status == "ok"])
     np.testing.assert_allclose(np.diff(times), STEP_S, atol=1e-9)
-    assert times[-1] == pytest.approx(12.0)
+    assert times[-1] == pytest.approx(9.0)
 
 
 def test_stated_deviations_fall_and_are_honest(live):
     """That the error itself falls is shown over several scenes in test_follow: one has its luck."""
     good = [(t, e) for t, e in live if e.status == "ok"]
     early = [e for t, e in good if t < 4.5]
-    late = [e for t, e in good if t > 11.0]
+    late = [e for t, e in good if t > 8.0]
     assert late[-1].rate_std_hz < early[0].rate_std_hz / 2
     for _, e in good:
         assert abs(e.spin.rate_hz - 0.5) < 4 * e.rate_std_hz
         assert angle_between(e.spin.axis, AXIS) < 4 * e.axis_std_deg
-    assert late[-1].revolutions == pytest.approx(6.0, rel=0.01)
+    assert late[-1].revolutions == pytest.approx(4.5, rel=0.01)
 
 
-def test_a_thorough_estimate_does_not_depend_on_live_ones(half_hertz, live):
-    scene, activity, pieces = half_hertz
-    quiet, busy = Backend(CAMERA, DIRECT), Backend(CAMERA, DIRECT)
+def test_a_thorough_estimate_does_not_depend_on_live_ones(half_hertz, backend_and_live):
+    scene, activity, _ = half_hertz
+    quiet, (busy, _) = Backend(CAMERA, DIRECT), backend_and_live
     quiet.add(TrackUpdate(scene.tracks, NONE_ENDED), activity)
-    for piece in pieces:
-        busy.update(*piece)
     a, b = quiet.solve(), busy.solve()
     assert a.spin.rate_hz == b.spin.rate_hz
     assert np.array_equal(a.points, b.points)
@@ -94,15 +97,15 @@ def test_a_saved_stream_goes_on_as_if_nothing_had_been(half_hertz, tmp_path):
     _, _, pieces = half_hertz
     small = MemoryOptions(max_bins=1000, max_rows=2000)
     for memory in (MemoryOptions(), small):
-        options = BackendOptions(start=DIRECT.start, memory=memory, live=LiveOptions(interval_s=1.0))
+        options = BackendOptions(start=DIRECT.start, memory=memory, live=LiveOptions(interval_s=2.0, search_s=3.0))
         whole = Backend(CAMERA, options)
-        for piece in pieces[:60]:
+        for piece in pieces[:50]:
             whole.update(*piece)
         whole.save(tmp_path / "state.npz")
         resumed = Backend.load(tmp_path / "state.npz", options)
         assert resumed.camera.K.tolist() == CAMERA.K.tolist()
         assert resumed.counts() == whole.counts()
-        for piece in pieces[60:]:
+        for piece in pieces[50:]:
             whole.add(*piece)
             resumed.add(*piece)
         a, b = whole.solve(), resumed.solve()

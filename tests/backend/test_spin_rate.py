@@ -6,7 +6,7 @@ from scenes import CAMERA, spin, unit
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
-from esfo_backend.spin_rate import correlation_rate, fourier_rate
+from esfo_backend.spin_rate import _delay, _difference, correlation_rate, fourier_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import rotation
 from esfo_core.simulation.activity import synthetic_activity
@@ -62,3 +62,26 @@ def test_empty_activity_is_refused():
         correlation_rate(nothing, SpinRateOptions())
     with pytest.raises(BackendError, match="too few"):
         fourier_rate(Activity(0, 5_000_000, 32, np.zeros((3, 2, 15, 20), np.uint16)), 0.02)
+
+
+@pytest.mark.parametrize("lag", [11.0, 20.25, 31.5, 47.93])
+def test_values_between_bins_are_exact_within_the_band(lag):
+    t, frequency = np.arange(120.0), np.linspace(0.0, 0.3, 31)
+
+    def waves(at):
+        return np.cos(2 * np.pi * at[:, None] * frequency + frequency * 100)
+
+    first, weights = _delay(lag)
+    rows = np.arange(8, 50)
+    found = sum(w * waves(t)[rows + first + i] for i, w in enumerate(weights))
+    np.testing.assert_allclose(found, waves(t[rows] + lag), atol=1e-3)
+
+
+def test_difference_is_that_of_shifted_features():
+    features = np.random.default_rng(0).normal(size=(80, 5))
+    (first, a), (second, b) = _delay(30.3), _delay(12.8)
+    rows = np.arange(8, 40)
+    gap = sum(a[i] * features[rows + first + i] - b[i] * features[rows + second + i] for i in range(16))
+    total, squares = _difference(features, (8, 40), first, a, second, b)
+    assert total == pytest.approx((features[rows] * gap).sum(), rel=1e-12)
+    assert squares == pytest.approx(((features[rows] * gap) ** 2).sum(), rel=1e-12)

@@ -26,7 +26,7 @@ from esfo_core.tracks import Tracks, TrackUpdate
 _SEARCH_TRACKS = 4
 """Tracks that a live search uses, in multiples of those that a live estimate uses."""
 
-_CERTAIN_TURNS = 8.0
+_CERTAIN_TURNS = 4.0
 """Turns after which a live stream is not searched anew: neither period nor axis change their mind any more."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
@@ -173,23 +174,46 @@ def _significance(features: Matrix, lag: float, shorter: float) -> float:
     independent but for the smoothing.
     """
     n = len(features) - int(np.ceil(lag)) - _MARGIN
-    rows = slice(_MARGIN, n)
     if n <= 2 * _MARGIN:
         return np.inf
     # Blurred over a few degrees: a lag between two bins must not look worse than one on a bin.
     coarse = max(_SMOOTHING_BINS, min(4.0, 0.03 * shorter))
     features = gaussian_filter1d(features, np.sqrt(max(coarse**2 - _SMOOTHING_BINS**2, 1e-4)), axis=0)
-    difference = features[rows] * (_shifted(features, lag)[rows] - _shifted(features, shorter)[rows])
-    correlated = 2 * np.sqrt(np.pi) * coarse
-    spread = np.sqrt(correlated * (difference**2).sum())
-    return float(difference.sum() / spread) if spread > 0 else 0.0
+    total, squares = _difference(np.ascontiguousarray(features), (_MARGIN, n), *_delay(lag), *_delay(shorter))
+    spread = np.sqrt(2 * np.sqrt(np.pi) * coarse * squares)
+    return float(total / spread) if spread > 0 else 0.0
 
 
-def _shifted(features: Matrix, lag: float) -> Matrix:
-    """Features at time + lag, band-limited interpolation between bins; rows within _MARGIN of the end are not valid."""
-    size = 2 * len(features)
-    phase = np.exp(2j * np.pi * np.fft.rfftfreq(size) * lag)
-    return np.asarray(np.fft.irfft(np.fft.rfft(features, size, axis=0) * phase[:, None], size, axis=0)[: len(features)])
+def _delay(lag: float) -> tuple[int, Vector]:
+    """Band-limited interpolation at time + lag: offset of the first of 16 rows, and their weights.
+
+    A windowed sinc (Kaiser, beta 6). Features have next to nothing above 0.3 cycles per bin, where it is exact to 1e-3.
+    """
+    whole = int(np.floor(lag))
+    taps = np.arange(1 - _MARGIN, _MARGIN + 1)
+    x = taps - (lag - whole)
+    weights = np.sinc(x) * np.i0(6.0 * np.sqrt(np.maximum(1 - (x / _MARGIN) ** 2, 0.0)))
+    return whole + 1 - _MARGIN, np.asarray(weights / weights.sum())
+
+
+@njit(cache=True, nogil=True)
+def _difference(
+    features: Matrix, rows: tuple[int, int], first: int, a: Vector, second: int, b: Vector
+) -> tuple[float, float]:
+    """Sum, and sum of squares, of features(t) * (features(t + lag a) - features(t + lag b)) over rows and columns."""
+    total = squares = 0.0
+    gap = np.empty(features.shape[1])
+    for k in range(rows[0], rows[1]):
+        gap[:] = 0.0
+        for i in range(len(a)):
+            at_a, at_b = features[k + first + i], features[k + second + i]
+            for j in range(len(gap)):
+                gap[j] += a[i] * at_a[j] - b[i] * at_b[j]
+        for j in range(len(gap)):
+            product = features[k, j] * gap[j]
+            total += product
+            squares += product * product
+    return total, squares
 
 
 def _refine(features: Matrix, r: Vector, lag: float, longest: int) -> float:

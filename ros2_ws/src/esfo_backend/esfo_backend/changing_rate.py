@@ -132,13 +132,19 @@ def _bent(counts: Matrix, duration: float, bend: float) -> Matrix:
 
 
 def _best_correlation(features: Matrix, options: SpinRateOptions) -> float:
-    """Highest peak of the correlation that stands out from the valley before it, -1 where there is none."""
+    """Highest peak of the correlation that stands out from the valley before it, -1 where there is none.
+
+    Read between the bins by a parabola: otherwise the bend that makes the period a whole number of bins would win.
+    """
     if not features.shape[1]:
         return -1.0
     r = autocorrelation(features, int(len(features) * (1 - options.min_overlap)))
     peaks = peaks_of(r)
-    prominent = [p for p in peaks if r[p] - r[:p].min() >= options.min_prominence]
-    return float(max((r[p] for p in prominent), default=-1.0))
+    prominent = peaks[r[peaks] - np.minimum.accumulate(r)[peaks] >= options.min_prominence]
+    if not len(prominent):
+        return -1.0
+    left, top, right = r[prominent - 1], r[prominent], r[prominent + 1]
+    return float((top + (left - right) ** 2 / (8 * np.maximum(2 * top - left - right, 1e-12))).max())
 
 
 def _refined(correlation: Callable[[float], float], bends: Vector, best: int) -> float:

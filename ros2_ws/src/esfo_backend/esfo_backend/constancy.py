@@ -27,6 +27,9 @@ _LEAST_ROWS = 4
 _MOST_POINTS = 150
 _ITERATIONS = 8
 _PAIR_PX = 6.0
+_TIMES_PER_TURN = 72
+_LONGEST_GAP = 7
+"""Times, a tenth of a turn: two rows further apart are of different appearances of a point."""
 _LEAST_PAIRS = 50
 
 
@@ -51,36 +54,48 @@ def constancy(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: 
 
 
 def _missed(obs: Observations, rate_hz: float) -> tuple[float, float]:
-    """Set each row beside the row nearest to it one turn later.
+    """Set each point seen beside the one seen nearest to it one turn later.
 
     The displacements are fitted (Cauchy, 1 px) by a shift, a growth and a delay along the motion; the delay is an error
     of the rate, and not counted.
     """
-    rows, point, turn = obs.rows, obs.point_index(), 1 / rate_hz
-    px = rows.xy * rows.focal
-    follows = np.flatnonzero((np.diff(point) == 0) & (np.diff(rows.dt) > 0) & (np.diff(rows.dt) < 0.1 * turn))
-    k = follows[rows.dt[follows] < rows.dt.max(initial=0.0) - turn]
+    px, velocity, time, point = _at_common_times(obs, rate_hz)
+    apart = 10 * _PAIR_PX * time  # of another time is out of reach
+    if len(time) < _LEAST_PAIRS:
+        return 0.0, 0.0
+    later = np.column_stack([px, apart + 10 * _PAIR_PX * _TIMES_PER_TURN])
+    distance, found = cKDTree(np.column_stack([px, apart])).query(later, distance_upper_bound=_PAIR_PX)
+    k = np.flatnonzero(np.isfinite(distance))
     if len(k) < _LEAST_PAIRS:
         return 0.0, 0.0
-    velocity = (px[k + 1] - px[k]) / (rows.dt[k + 1] - rows.dt[k])[:, None]
-    speed = max(float(np.median(np.linalg.norm(velocity, axis=1))), 1e-9)
-    later = np.column_stack([px[k], (rows.dt[k] + turn) * speed])
-    distance, found = cKDTree(np.column_stack([px, rows.dt * speed])).query(later, distance_upper_bound=_PAIR_PX)
-    near = np.isfinite(distance)
-    if near.sum() < _LEAST_PAIRS:
-        return 0.0, 0.0
-    k, found, velocity = k[near], found[near], velocity[near]
-    delay = rows.dt[found] - rows.dt[k] - turn
-    moved = px[found] - px[k] - velocity * delay[:, None]
+    moved = px[found[k]] - px[k]
     place = px[k] - np.median(px[k], axis=0)
     design = np.zeros((len(k), 2, 4))
     design[:, 0, 0] = design[:, 1, 1] = 1.0
     design[:, :, 2] = place / max(float(np.sqrt((place**2).sum(axis=1).mean())), 1e-9)
-    design[:, :, 3] = velocity / speed
+    design[:, :, 3] = velocity[k] / max(float(np.median(np.linalg.norm(velocity[k], axis=1))), 1e-9)
     fitted, covariance = _robust_fit(design, moved, point[k])
     missed = fitted[:3]
     squared = float(missed @ np.linalg.pinv(covariance[:3, :3], hermitian=True) @ missed)
     return float(np.linalg.norm(missed)), _significance(squared, 3)
+
+
+def _at_common_times(obs: Observations, rate_hz: float) -> tuple[Matrix, Matrix, NDArray[np.int64], NDArray[np.int64]]:
+    """Interpolate tracks at times that are the same in every turn.
+
+    Returns places (K, 2) px, velocities (K, 2) px/s, numbers of the times (K,) and points (K,).
+    """
+    dt, point = obs.rows.dt, obs.point_index()
+    px = obs.rows.xy * obs.rows.focal
+    step = 1 / (rate_hz * _TIMES_PER_TURN)
+    near = (np.diff(point) == 0) & (np.diff(dt) > 0) & (np.diff(dt) < _LONGEST_GAP * step)
+    k = np.flatnonzero(near)
+    first = np.ceil(dt[k] / step).astype(np.int64)
+    count = np.ceil(dt[k + 1] / step).astype(np.int64) - first
+    time = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    k = np.repeat(k, count)
+    velocity = (px[k + 1] - px[k]) / (dt[k + 1] - dt[k])[:, None]
+    return px[k] + velocity * (time * step - dt[k])[:, None], velocity, time, point[k]
 
 
 def _robust_fit(

@@ -1,0 +1,126 @@
+"""Every verdict on evidence that has it and on evidence that does not; and small scenes through the real front-end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from esfo_backend.backend import Backend
+from esfo_backend.constancy import Constancy
+from esfo_backend.covariance import MotionCovariance
+from esfo_backend.drift import RateDrift
+from esfo_backend.options import BackendOptions, StartOptions, VerdictOptions
+from esfo_backend.verdict import Evidence, judge
+from esfo_core.estimate import Alternative
+from esfo_core.simulation.scene import MotionOptions, SceneOptions, simulate
+from esfo_frontend.frontend import Frontend
+
+GOOD = Evidence(
+    rate_hz=0.5,
+    axis=np.array([0.0, 1.0, 0.0]),
+    towards=np.array([0.0, 0.0, 1.0]),
+    covariance=MotionCovariance(1e-5, np.eye(2) * np.radians(0.1) ** 2),
+    points=100,
+    recurring=50,
+    inliers=0.9,
+    alternatives=(Alternative("mirror", 0.5, np.array([0.0, -1.0, 0.0]), 3.0),),
+    harmonic_z=30.0,
+    drift=RateDrift(0.0, 1e-5),
+    constancy=Constancy(0.0, 0.0, 0.0, 0.0),
+    revolutions=2.5,
+    duration_s=5.0,
+)
+BEFORE_VIEW = np.array([0.0, np.sin(0.02), np.cos(0.02)])
+
+
+def test_good_evidence_is_ok():
+    verdict = judge(GOOD, VerdictOptions())
+    assert (verdict.status, verdict.flags, verdict.reason) == ("ok", ("scale_unobservable",), "")
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "flag"),
+    [
+        ({"constancy": Constancy(0.5, 10.0, 0.0, 0.0)}, "degenerate", "not_a_rotation"),
+        ({"constancy": Constancy(0.0, 0.0, 1.0, 10.0)}, "degenerate", "not_a_rotation"),
+        ({"drift": RateDrift(-0.01, 1e-4)}, "degenerate", "rate_not_constant"),
+        ({"revolutions": 0.9}, "degenerate", "too_few_turns"),
+        ({"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.02**2)}, "degenerate", "axis_unobs"),
+        ({"covariance": MotionCovariance(1e-5, np.eye(2) * 0.1**2)}, "degenerate", "axis_unobservable"),
+        ({"harmonic_z": 7.0}, "ok", "harmonic_ambiguous"),
+        ({"alternatives": (Alternative("mirror", 0.5, np.ones(3), 1.05),)}, "ok", "mirror_ambiguous"),
+        ({"points": 9}, "failed", "too_few_points"),
+        ({"recurring": 4, "constancy": Constancy(0.5, 10.0, 0.0, 0.0)}, "failed", "not_a_rotation"),
+        ({"recurring": 4}, "failed", None),
+        ({"inliers": 0.2}, "failed", None),
+        ({"covariance": MotionCovariance(0.02, np.eye(2) * 1e-6)}, "failed", None),
+        ({"covariance": MotionCovariance(np.nan, np.full((2, 2), np.nan))}, "failed", None),
+    ],
+)
+def test_each_doubt_has_its_name(change, status, flag):
+    verdict = judge(replace(GOOD, **change), VerdictOptions())
+    assert verdict.status == status
+    assert flag is None or any(f.startswith(flag) for f in verdict.flags)
+    assert bool(verdict.reason) == (status != "ok")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"constancy": Constancy(0.5, 3.0, 0.2, 30.0)},  # not significant; significant, and too small to matter
+        {"drift": RateDrift(-0.01, 0.005)},
+        {"drift": RateDrift(-1e-4, 1e-6)},
+        {"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.004**2)},
+    ],
+)
+def test_what_is_insignificant_or_small_is_no_doubt(change):
+    assert judge(replace(GOOD, **change), VerdictOptions()).status == "ok"
+
+
+SMALL = SceneOptions(width=240, height=180, rate_hz=1.0, revolutions=2.3)
+
+
+def seen(options):
+    """Solve a simulated scene through the real front-end."""
+    scene = simulate(options)
+    frontend = Frontend(scene.camera.width, scene.camera.height)
+    backend = Backend(scene.camera, BackendOptions(start=StartOptions(method="direct")))
+    for events in scene.chunks():
+        output = frontend.process(events)
+        backend.add(output.tracks, output.activity)
+    output = frontend.flush()
+    backend.add(output.tracks, output.activity)
+    return backend.solve()
+
+
+def far(options, factor, **motion):
+    """A scene with room to move in; velocities in distances per second."""
+    distance = float(np.linalg.norm(simulate(options).spin.center))
+    scaled = {name: value * distance if "velocity" in name else value for name, value in motion.items()}
+    return replace(options, distance_m=factor * distance, motion=MotionOptions(**scaled))
+
+
+def test_a_fixed_axis_is_ok():
+    estimate = seen(SMALL)
+    assert estimate.status == "ok", estimate.reason
+    assert abs(estimate.spin.rate_hz - 1) < 3 * estimate.rate_std_hz
+
+
+@pytest.mark.parametrize(
+    ("scene", "flag"),
+    [
+        (replace(SMALL, motion=MotionOptions(nutation_deg=12)), "not_a_rotation"),
+        (lambda: far(SMALL, 1.4, velocity_x_m_s=0.02), "not_a_rotation"),
+        (lambda: far(SMALL, 1.4, velocity_z_m_s=0.04), "not_a_rotation"),
+        (replace(SMALL, rate_hz=0.0, speed="still", duration_s=1.0), "not_a_rotation"),
+        (replace(SMALL, motion=MotionOptions(rate_slope_hz_s=-0.12)), "rate_not_constant"),
+        (replace(SMALL, view="custom", elevation_deg=89.0, roll_deg=10.0), "axis_unobservable"),
+        (replace(SMALL, revolutions=0.5), "too_few_turns"),
+    ],
+    ids=["tumbling", "across", "towards", "static", "slowing", "along_the_view", "half_a_turn"],
+)
+def test_what_is_no_fixed_axis_at_a_constant_rate_is_named(scene, flag):
+    estimate = seen(scene() if callable(scene) else scene)
+    assert estimate.status != "ok"
+    assert flag in estimate.flags, (estimate.flags, estimate.reason)
+    assert estimate.reason

@@ -187,12 +187,12 @@ def _significance(features: Matrix, lag: float, shorter: float) -> float:
 def _delay(lag: float) -> tuple[int, Vector]:
     """Band-limited interpolation at time + lag: offset of the first of 16 rows, and their weights.
 
-    A windowed sinc (Kaiser, beta 6). Features have next to nothing above 0.3 cycles per bin, where it is exact to 1e-3.
+    A windowed sinc (Kaiser, beta 8). Features have next to nothing above 0.3 cycles per bin, where it is exact to 1e-3.
     """
     whole = int(np.floor(lag))
     taps = np.arange(1 - _MARGIN, _MARGIN + 1)
     x = taps - (lag - whole)
-    weights = np.sinc(x) * np.i0(6.0 * np.sqrt(np.maximum(1 - (x / _MARGIN) ** 2, 0.0)))
+    weights = np.sinc(x) * np.i0(8.0 * np.sqrt(np.maximum(1 - (x / _MARGIN) ** 2, 0.0)))
     return whole + 1 - _MARGIN, np.asarray(weights / weights.sum())
 
 

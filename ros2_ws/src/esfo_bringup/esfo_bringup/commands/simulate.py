@@ -41,9 +41,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     parser.add_argument("--speed", choices=(*SPEEDS_HZ, "still"), help=f"{rates} (default {default.speed})")
     parser.add_argument("--revolutions", type=float, help=f"turns (default {default.revolutions})")
     parser.add_argument("--sensor", choices=SENSORS, help=f"(default: one of {default.width}x{default.height} px)")
-    parser.add_argument(
-        "--lens", type=float, default=0.0, metavar="MM", help="focal length of the lens on --sensor"
-    )
+    parser.add_argument("--lens", type=float, default=0.0, metavar="MM", help="focal length of the lens on --sensor")
     parser.add_argument("--camera", metavar="YAML", help="calibration with lens distortion, as ROS writes it")
     add_assignments(parser, "any other option of the scene")
     parser.add_argument(

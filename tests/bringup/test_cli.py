@@ -1,9 +1,11 @@
 """The command on bad input: one clear line and exit code 1, and no traceback."""
 
 import json
+import re
 
 import numpy as np
 import pytest
+import trimesh
 
 from esfo_bringup.cli import main
 from esfo_core.camera import Camera
@@ -163,3 +165,20 @@ def test_evaluate_holds_errors_against_limits(capsys, tmp_path):
     assert main(["evaluate", str(tmp_path), "--truth", str(truth), "--max-rate-error", "3"]) == 0
     assert "2.0000 %" in capsys.readouterr().out
     assert "rate" in fails(capsys, "evaluate", tmp_path, "--truth", truth, "--max-rate-error", "1")
+
+
+def test_evaluate_registers_to_a_model(capsys, tmp_path):
+    motion = {"spin_rate_hz": 0.5, "axis": [0, 1.0, 0], "center": [0, 0, 4.0]}
+    (tmp_path / "truth.json").write_text(json.dumps(motion))
+    estimate = {"status": "ok", "points": 300, "initialisation": "direct", **motion, "center": [0, 0, 1.0]}
+    (tmp_path / "orbit.json").write_text(json.dumps(estimate))
+    box = trimesh.creation.box((1.0, 0.5, 0.7))
+    box.export(tmp_path / "box.ply")
+    points, _ = trimesh.sample.sample_surface(box, 300, seed=1)
+    trimesh.PointCloud(points / 4).export(tmp_path / "points.ply")
+    arguments = ["evaluate", tmp_path, "--truth", tmp_path / "truth.json", "--model"]
+    assert main([str(a) for a in (*arguments, tmp_path / "box.ply")]) == 0
+    percent = re.search(r"points are ([\d.]+) %", capsys.readouterr().out)
+    assert float(percent[1]) < 0.05
+    assert "not a Trimesh" in fails(capsys, *arguments, tmp_path / "points.ply")
+    assert "absent.ply" in fails(capsys, *arguments, tmp_path / "absent.ply")

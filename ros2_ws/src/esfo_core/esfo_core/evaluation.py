@@ -45,7 +45,7 @@ def compare(orbit_json: Mapping[str, object], truth: Mapping[str, object], camer
         raise EvaluationError("estimate has no status")
     if orbit_json["status"] == "failed":
         raise EvaluationError(f"the estimate has failed: {orbit_json.get('reason') or 'no reason given'}")
-    estimated, true = _spin(orbit_json, "estimate"), _spin(truth, "truth")
+    estimated, true = spin_of(orbit_json, "estimate"), spin_of(truth, "truth")
     return Evaluation(
         abs(estimated.rate_hz - true.rate_hz) / true.rate_hz,
         angle_between(estimated.axis, true.axis),
@@ -69,7 +69,11 @@ def _is_point(spin: Spin) -> bool:
     return bool(np.linalg.norm(np.cross(spin.center, spin.axis)) <= 1e-9 * np.linalg.norm(spin.center))
 
 
-def _spin(values: Mapping[str, object], source: str) -> Spin:
+def spin_of(values: Mapping[str, object], source: str) -> Spin:
+    """Return the spin of `orbit.json` or of a truth; a negative rate about the opposite axis is the same motion.
+
+    source: name of the content in messages. Raises EvaluationError for a missing or impossible field.
+    """
     rate = float(_numbers(values, "spin_rate_hz", source, 1)[0])
     axis, center = _numbers(values, "axis", source, 3), _numbers(values, "center", source, 3)
     length = np.linalg.norm(axis)

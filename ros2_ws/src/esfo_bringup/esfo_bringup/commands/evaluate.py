@@ -5,11 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+import trimesh
 
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.errors import CommandError
-from esfo_core.evaluation import compare
+from esfo_core.evaluation import compare, spin_of
+from esfo_core.registration import Surface, register
+
+T = TypeVar("T")
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -17,6 +23,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     parser = commands.add_parser("evaluate", help="compare a result with the truth")
     parser.add_argument("result", type=Path, metavar="DIR", help="folder that run or live wrote")
     parser.add_argument("--truth", type=Path, required=True, metavar="JSON", help="truth that simulate wrote")
+    parser.add_argument("--model", type=Path, metavar="MESH", help="true surface (simulate writes it as .ply)")
     parser.add_argument("--max-rate-error", type=float, metavar="PERCENT", help="fail above this error of the rate")
     parser.add_argument("--max-axis-error", type=float, metavar="DEGREES", help="fail above this error of the axis")
     parser.set_defaults(execute=execute)
@@ -32,6 +39,8 @@ def execute(args: argparse.Namespace) -> int:
     axes = ["({:+.4f}, {:+.4f}, {:+.4f})".format(*d["axis"]) for d in (orbit, truth)]
     print(f"{'axis':14}{axes[0]:>30}{axes[1]:>30}{found.axis_error_deg:>12.3f} deg")
     print(f"status {orbit['status']}, {orbit['points']} points, start {orbit['initialisation']}")
+    if args.model is not None:
+        _print_registration(args, orbit, truth)
     for name, error, limit in (
         ("rate", abs(rate_percent), args.max_rate_error),
         ("axis", found.axis_error_deg, args.max_axis_error),
@@ -39,6 +48,28 @@ def execute(args: argparse.Namespace) -> int:
         if limit is not None and not error <= limit:
             raise CommandError(f"the error of the {name} is {error:.4f}, more than {limit:g}")
     return 0
+
+
+def _print_registration(args: argparse.Namespace, orbit: dict[str, Any], truth: dict[str, Any]) -> None:
+    points = _load(args.result / "points.ply", trimesh.PointCloud)
+    mesh = _load(args.model, trimesh.Trimesh)
+    found = register(np.asarray(points.vertices), spin_of(orbit, "estimate"), Surface(mesh), spin_of(truth, "truth"))
+    print(
+        f"points are {found.mean_percent:.2f} % of the diameter from the surface in the mean, "
+        f"{found.median_percent:.2f} % in the median, after registration"
+    )
+
+
+def _load(path: Path, kind: type[T]) -> T:
+    try:
+        content = trimesh.load(path)
+    except (OSError, ValueError, NotImplementedError) as error:
+        raise CommandError(f"{path}: cannot be read as geometry ({error})") from error
+    if isinstance(content, trimesh.Scene):
+        content = content.to_mesh()
+    if not isinstance(content, kind):
+        raise CommandError(f"{path}: holds a {type(content).__name__}, not a {kind.__name__}")
+    return content
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -101,13 +101,37 @@ class Solver:
             if self.options.rate.method == "fourier":
                 raise
             return self._solve_changing(tracks, activity, watch, error)
-        estimate = self._solve_at(rate, None, tracks, activity, watch, thorough)
-        if "rate_not_constant" not in estimate.flags or self.options.rate.method == "fourier":
-            return estimate
         try:
-            return self._solve_changing(tracks, activity, watch, None)
+            first = self._solve_at(rate, None, tracks, activity, watch, thorough)
         except BackendError:
-            return estimate
+            if self.options.rate.method == "fourier":
+                raise
+            other = self._second_opinion(rate, tracks, activity, watch)
+            if other is None:
+                raise
+            return other
+        if self.options.rate.method == "fourier" or _is_one_rotation(first):
+            return first
+        kept = self.found
+        other = self._second_opinion(rate, tracks, activity, watch)
+        if other is None:
+            self.found, self.rate_hz = kept, rate.rate_hz
+        return other or first
+
+    def _second_opinion(
+        self, rate: SpinRate, tracks: Tracks, activity: Activity, watch: Stopwatch
+    ) -> OrbitEstimate | None:
+        """Try the periods of which the first one is a fraction, then a rate that changes; None: nothing better."""
+        for slower in (replace(rate, rate_hz=h.rate_hz) for h in rate.harmonics if h.rate_hz < rate.rate_hz):
+            with suppress(BackendError):
+                found = self._solve_at(slower, None, tracks, activity, watch, False)
+                if found.status == "ok":
+                    return found
+        with suppress(BackendError):
+            found = self._solve_changing(tracks, activity, watch, None)
+            if found.status != "failed" and "not_a_rotation" not in found.flags:
+                return found
+        return None
 
     def _solve_changing(
         self, tracks: Tracks, activity: Activity, watch: Stopwatch, error: BackendError | None
@@ -122,6 +146,8 @@ class Solver:
                 raise
             why = why_no_period(tracks, duration_s, self.options.verdict.min_points)
             raise BackendError(f"{error}; {why.reason}", why.flag) from error
+        if error is None and abs(changing.slope) < self.options.verdict.drift_z * changing.slope_std:
+            raise BackendError(f"the rate is constant: {changing.slope:+.5f} +- {changing.slope_std:.5f} Hz per second")
         try:
             return self._solve_at(changing.rate, changing, tracks, activity, watch, False)
         except BackendError as later:
@@ -240,6 +266,10 @@ class Solver:
             alternatives=alternatives,
             timing_s=watch.seconds,
         )
+
+
+def _is_one_rotation(estimate: OrbitEstimate) -> bool:
+    return estimate.status != "failed" and not {"rate_not_constant", "not_a_rotation"} & set(estimate.flags)
 
 
 def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:

@@ -163,6 +163,7 @@ def peaks_of(r: Vector) -> NDArray[np.int64]:
 
 def _prominence(r: Vector, lag: int) -> float:
     """Height of r[lag] over the lowest point before it, or after it within one lag if that is higher."""
+    lag = min(lag, len(r) - 1)  # a peak at the end is interpolated to beyond it
     before, after = r[:lag].min(), r[lag : 2 * lag].min()
     return float(r[lag] - (max(before, after) if after < r[lag] else before))
 

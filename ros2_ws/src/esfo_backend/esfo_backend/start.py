@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
@@ -42,13 +43,16 @@ def choose_start(
     obs: one point per track. thorough: without it COLMAP runs only when it is the only start.
     Raises BackendError when no start succeeds.
     """
-    direct = None if options.start.method == "colmap" else direct_start(obs, rate_hz, options.start)
-    second = direct.second if direct else None
-    if direct is not None and (options.start.method == "direct" or not thorough):
-        return Start(direct.best, "direct", second, "COLMAP was not asked for")
+    if options.start.method == "direct" or (options.start.method == "best" and not thorough):
+        alone = direct_start(obs, rate_hz, options.start)
+        return Start(alone.best, "direct", alone.second, "COLMAP was not asked for")
     model: ColmapStart | None = None
+    with ThreadPoolExecutor(1) as pool:  # neither needs the other, and both leave the interpreter free
+        mapping = pool.submit(colmap_start, tracks, camera, options.start)
+        direct = None if options.start.method == "colmap" else direct_start(obs, rate_hz, options.start)
+    second = direct.second if direct else None
     try:
-        model = colmap_start(tracks, camera, options.start)
+        model = mapping.result()
         motion = _accepted(model, rate_hz, options)
     except BackendError as error:
         if direct is None:

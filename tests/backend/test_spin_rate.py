@@ -1,5 +1,7 @@
 """The rate from the event stream."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from scenes import CAMERA, spin, unit
@@ -85,3 +87,11 @@ def test_difference_is_that_of_shifted_features():
     total, squares = _difference(features, (8, 40), first, a, second, b)
     assert total == pytest.approx((features[rows] * gap).sum(), rel=1e-12)
     assert squares == pytest.approx(((features[rows] * gap) ** 2).sum(), rel=1e-12)
+
+
+def test_a_peak_at_the_longest_lag_is_no_crash():
+    """Between the bins its maximum may lie beyond the last lag: refused like any other that does not repeat."""
+    for seed in range(200):
+        walk = np.abs(np.cumsum(np.random.default_rng(seed).normal(size=(60, 2, 2, 2)), axis=0)).astype(np.uint16)
+        with contextlib.suppress(BackendError):
+            assert correlation_rate(Activity(0, 5_000_000, 32, walk), SpinRateOptions()).rate_hz > 0

@@ -60,7 +60,7 @@ def test_an_axis_that_turns_away_wanders():
     b = Tracks(b.track_id + np.uint32(10_000), b.t, b.uv, b.sigma)
     found = measured(Tracks.concatenate([a, b]))
     assert found.wander_z > LIMITS.constancy_z
-    # Of two halves that differ by 3 degrees the standard deviation is 1.5; points that suit both halves take some of it.
+    # Of two halves that differ by 3 degrees the standard deviation is 1.5; points that suit both take some of it.
     assert 0.3 < found.wander_deg < 2.0
 
 

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import argparse
 import resource
-import statistics
 import time
 from collections.abc import Callable
 
 import numpy as np
 
-from esfo_backend.adjust import adjust, linear_points
 from esfo_backend.backend import Backend
-from esfo_backend.graph import optimise_graph
 from esfo_backend.options import PRESETS as BACKEND_PRESETS
-from esfo_backend.problem import motion_from_axis, observations
 from esfo_core.camera import Camera
 from esfo_core.events import EventArray
-from esfo_core.orbit import NANOSECONDS, Spin, angle_between
+from esfo_core.orbit import NANOSECONDS, angle_between
 from esfo_core.simulation.scene import SceneOptions, simulate
-from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 from esfo_frontend.corners import CornerDetector
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
@@ -85,34 +80,11 @@ def pipeline(revolutions: float) -> None:
         print(f"{row}| {stages}, {estimate.initialisation} | {rate:+.4f} % | {axis:.3f} deg |")
 
 
-def solvers() -> None:
-    """Time one iteration of both solvers on about 300 points x 60 rows."""
-    camera = Camera.pinhole(640, 480, 800.0)
-    axis = np.array([0.3, -0.8, 0.4]) / np.linalg.norm([0.3, -0.8, 0.4])
-    spin = Spin(axis, 0.5, np.array([0.1, 0.05, 4.0]), 0)
-    scene = synthetic_tracks(spin, camera, SyntheticTrackOptions(points=300, track_s=1.8, window_s=0.03, noise_px=0.5))
-    every, ids = observations(scene.tracks, camera, 4)
-    _, label = np.unique(scene.point_of_track[ids], return_inverse=True)
-    obs = every.regroup(label.astype(np.int64))
-    motion = motion_from_axis(axis, spin.center, 0.5005)
-    y = linear_points(motion, obs)
-    start = adjust(motion, y, obs, 1.0, iterations=1)
-    optimise_graph(start, obs, 1.0, 1)
-    fast = statistics.median(cpu(lambda: adjust(motion, y, obs, 1.0, iterations=3)) / 3 for _ in range(5))
-    graph = statistics.median(
-        (cpu(lambda: optimise_graph(start, obs, 1.0, 3)) - cpu(lambda: optimise_graph(start, obs, 1.0, 1))) / 2
-        for _ in range(5)
-    )
-    print(f"solvers, {obs.points} points, {len(obs.rows.dt)} rows, CPU ms per iteration:")
-    print(f"numba Schur {1e3 * fast:.1f}, GTSAM {1e3 * graph:.1f}, ratio {graph / fast:.1f}")
-
-
 def main() -> None:
-    """Run both parts."""
+    """Run it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--revolutions", type=float, default=2.5)
     pipeline(parser.parse_args().revolutions)
-    solvers()
     print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
 
 

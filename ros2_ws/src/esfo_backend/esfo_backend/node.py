@@ -106,7 +106,10 @@ class BackendNode(Node):  # type: ignore[misc]
     def _solve(self, thorough: bool = True) -> str:
         estimate = self._live.solve(thorough)
         self._publish(estimate)
-        self.get_logger().info(summary(estimate))
+        if thorough:
+            self.get_logger().info(summary(estimate))
+        else:
+            self.get_logger().info(summary(estimate), throttle_duration_sec=1.0)
         counts = f"observations={self._live.observations} activity_bins={self._live.activity_bins}"
         return f"{counts} status={estimate.status}"
 

@@ -28,6 +28,8 @@ _QUIET = 0.15
 """Share of the peak activity below which the beginning and the end of a recording are taken for rest."""
 _SMOOTH_S = 0.025
 _GROUPS = 8
+_MOST_CELLS = 256
+"""Cells and polarities that take part: the correlation is computed some hundred times."""
 _READING_BINS = 0.1
 """Error of a lag in bins that all cells share, which leaving out some of them does not show."""
 
@@ -67,7 +69,7 @@ class ChangingRate:
 def changing_rate(activity: Activity, options: SpinRateOptions) -> ChangingRate:
     """Search bend and period together. Raises BackendError when the stream does not repeat at any bend."""
     moving = _moving(activity)
-    counts = counts_of(moving)
+    counts = _busiest(counts_of(moving))
     duration = len(counts) * moving.bin / NANOSECONDS
 
     def correlation(bend: float, cells: NDArray[np.int64] | slice = slice(None)) -> float:
@@ -80,7 +82,8 @@ def changing_rate(activity: Activity, options: SpinRateOptions) -> ChangingRate:
         raise BackendError(f"the event stream does not repeat at any slope of the rate (correlation {found[best]:.2f})")
     bend = _refined(correlation, bends, best)
     rate = period_of(features_of(_bent(counts, duration, bend)), moving.bin, options)
-    std = _jackknife(counts, lambda cells: _refined(lambda b: correlation(b, cells), bends, best))
+    step = (bends[1] - bends[0]) / 2
+    std = _jackknife(counts, lambda cells: _vertex(lambda b: correlation(b, cells), bend, step))
     # Bend x duration^2 / 8 is by how much time is bent in the middle, against the ends.
     reading = 8 * _READING_BINS * moving.bin / NANOSECONDS / duration**2
     middle = moving.t0 + len(counts) * moving.bin // 2
@@ -111,6 +114,12 @@ def _moving(activity: Activity) -> Activity:
         raise BackendError("no events were counted")
     first, last = int(busy[0]), int(busy[-1]) + 1
     return Activity(activity.t0 + first * activity.bin, activity.bin, activity.cell, activity.counts[first:last])
+
+
+def _busiest(counts: Matrix) -> Matrix:
+    """The columns of (B, C) that vary most, in their order."""
+    power = np.sqrt(counts).var(axis=0)
+    return np.asarray(counts[:, np.sort(np.argsort(-power, kind="stable")[:_MOST_CELLS])])
 
 
 def _bent(counts: Matrix, duration: float, bend: float) -> Matrix:
@@ -153,6 +162,13 @@ def _refined(correlation: Callable[[float], float], bends: Vector, best: int) ->
         lambda bend: -correlation(bend), bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)}
     )
     return float(found.x)
+
+
+def _vertex(correlation: Callable[[float], float], bend: float, step: float) -> float:
+    """Maximum of the parabola through three values about a bend that is close to it."""
+    left, middle, right = (correlation(bend + k * step) for k in (-1, 0, 1))
+    curve = left - 2 * middle + right
+    return bend + step * float(np.clip(0.5 * (left - right) / curve, -1, 1)) if curve < 0 else bend
 
 
 def _jackknife(counts: Matrix, estimate: Callable[[NDArray[np.int64]], float]) -> float:

@@ -207,7 +207,8 @@ class Solver:
         covariance = motion_covariance(solution, obs, result.marginal, *noise)
         drift = rate_drift(solution, obs, *noise)
         if changing:
-            drift = RateDrift(changing.slope + drift.slope, drift.std)
+            slope = changing.bend * solution.motion.rate_hz + drift.slope
+            drift = RateDrift(slope, float(np.hypot(drift.std, changing.bend * covariance.rate_std_hz)))
         duration_s = (span[1] - span[0]) / NANOSECONDS
         revolutions = solution.motion.rate_hz * duration_s
         errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)

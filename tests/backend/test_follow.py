@@ -66,6 +66,8 @@ def test_points_are_known_again():
     scene = tracks_of(spin(AXIS), points=60, noise_px=0.5, duration_s=8.0)
     follower = started(scene)
     structure = [s for s, _, _ in followed(follower, scene, 1.5, 4.0)][-1]
+    # 60 points are there; one point per track, or per pair of them, would be several times as many.
+    assert structure.obs.points < 1.5 * 60 < len(follower.ids) / 2
     assert len(follower.recurring) > 0.7 * len(np.unique(scene.tracks.track_id))
     truth = scene.point_of_track[follower.ids]
     pairs = [(truth[follower.label == j]) for j in np.unique(follower.label)]

@@ -125,7 +125,7 @@ PRESETS: dict[str, BackendOptions] = {
     "default": BackendOptions(),
     "paper": BackendOptions(
         rate=SpinRateOptions(method="fourier"),
-        start=StartOptions(method="colmap"),
+        start=StartOptions(method="colmap", colmap_max_tracks=10**9, colmap_max_views=10**9),
         reidentification=ReidentificationOptions(enabled=False),
         graph=GraphOptions(cauchy_px=0.0),
     ),

@@ -45,6 +45,8 @@ def some_estimate(points=40, **changes):
         "reason": "",
         "spin": SPIN,
         "rate_std_hz": 2e-4,
+        "rate_slope_hz_s": -3e-3,
+        "rate_slope_std_hz_s": 4e-4,
         "axis_cov": np.array([[2e-6, 3e-7], [3e-7, 1e-6]]),
         "points": rng.normal(0, 0.2, (points, 3)),
         "point_rms_px": rng.uniform(0.1, 2, points),

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
 from esfo_core.simulation import contrast
-from esfo_core.simulation.contrast import Sensor, SensorOptions
+from esfo_core.simulation.contrast import Sensor
 from esfo_core.simulation.renderer import Levels
+from esfo_core.simulation.sensor_options import SensorOptions
 
 SIZE, WINDOW, ORIGIN = (1280, 720), 600, (300, 60)
 LEVELS = Levels(-3.0, 4e-5)

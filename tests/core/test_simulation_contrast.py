@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from esfo_core.errors import OptionError, SimulationError
-from esfo_core.simulation.contrast import Sensor, SensorOptions
+from esfo_core.simulation.contrast import Sensor
 from esfo_core.simulation.renderer import Levels
+from esfo_core.simulation.sensor_options import SensorOptions
 
 SIZE = (12, 9)
 SHAPE = SIZE[::-1]

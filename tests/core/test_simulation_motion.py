@@ -9,9 +9,9 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from esfo_core.orbit import NANOSECONDS, Spin, rotation
-from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.renderer import Light, Renderer
 from esfo_core.simulation.scene import SceneOptions, simulate
+from esfo_core.simulation.sensor_options import SensorOptions
 
 BLUR_PX = 0.65
 MILLISECOND = 1_000_000

@@ -10,9 +10,9 @@ import trimesh
 from esfo_core.errors import OptionError, SimulationError
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.recordings import open_recording
-from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.scene import VIEWS, MotionOptions, SceneOptions, simulate, view_axis
 from esfo_core.simulation.scene_files import is_written, topspin, write_scene
+from esfo_core.simulation.sensor_options import SensorOptions
 from esfo_core.tracks import Tracks
 
 FILES = ("scene.mcap", "scene.truth.json", "scene.ply", "scene.points.ply", "scene.tracks.csv")

@@ -93,24 +93,27 @@ class Solver:
             return OrbitEstimate.failure(str(error), flags=error.flags, timing_s=watch.seconds, **known)
 
     def _solve(self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool) -> OrbitEstimate:
-        """Take the rate for constant first, and for one that changes evenly where that does not hold."""
+        """Take the rate for constant first, and for one that changes evenly where that does not hold.
+
+        The paper's rate is taken as it is.
+        """
+        if self.options.rate.method == "fourier":
+            with watch.stage("spin_rate"):
+                rate = SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
+            return self._solve_at(rate, None, tracks, activity, watch, thorough)
         try:
             with watch.stage("spin_rate"):
-                rate = self._spin_rate(activity)
+                rate = correlation_rate(activity, self.options.rate)
         except BackendError as error:
-            if self.options.rate.method == "fourier":
-                raise
             return self._solve_changing(tracks, activity, watch, error)
         try:
             first = self._solve_at(rate, None, tracks, activity, watch, thorough)
         except BackendError:
-            if self.options.rate.method == "fourier":
-                raise
             other = self._second_opinion(rate, tracks, activity, watch)
             if other is None:
                 raise
             return other
-        if self.options.rate.method == "fourier" or _is_one_rotation(first):
+        if _is_one_rotation(first):
             return first
         kept = self.found
         other = self._second_opinion(rate, tracks, activity, watch)
@@ -185,11 +188,6 @@ class Solver:
         structure = replace(structure, solution=result.adjusted)
         self.found = None if changing else Found(rate, start, structure, ids, turns)
         return self.estimate(structure, result, rate, changing, start, span, watch)
-
-    def _spin_rate(self, activity: Activity) -> SpinRate:
-        if self.options.rate.method == "fourier":
-            return SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
-        return correlation_rate(activity, self.options.rate)
 
     def estimate(
         self,

@@ -87,15 +87,15 @@ def _handheld(args: argparse.Namespace) -> int:
 def _topspin(base: SceneOptions, folder: Path) -> int:
     """Write what is not written yet of the 72 scenes."""
     folder.mkdir(parents=True, exist_ok=True)
-    scenes = {name: scene for name, scene in topspin(base).items() if not is_written(scene, folder / f"{name}.mcap")}
-    total = len(topspin(base))
-    with tqdm(total=total, initial=total - len(scenes), desc="scenes", unit="", disable=None) as bar:
+    every = topspin(base)
+    scenes = {name: scene for name, scene in every.items() if not is_written(scene, folder / f"{name}.mcap")}
+    with tqdm(total=len(every), initial=len(every) - len(scenes), desc="scenes", unit="", disable=None) as bar:
         for name, scene in scenes.items():
             bar.set_postfix_str(name)
             truth = write_scene(scene, folder / f"{name}.mcap")
             tqdm.write(f"{name}: {truth.events} events")
             bar.update()
-    print(f"written     {folder}: {total} scenes")
+    print(f"written     {folder}: {len(every)} scenes")
     return 0
 
 

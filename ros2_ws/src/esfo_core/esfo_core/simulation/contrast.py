@@ -20,8 +20,6 @@ from esfo_core.simulation.renderer import Levels
 from esfo_core.simulation.sensor_noise import ShotNoise, Variation, vary
 from esfo_core.simulation.sensor_options import SensorOptions
 
-__all__ = ["Sensor", "SensorOptions"]
-
 Frame = NDArray[np.uint16]
 Column = NDArray[np.float64]
 Requests = tuple[Column, NDArray[np.int64]]

@@ -12,11 +12,11 @@ import numpy as np
 from esfo_core.camera import Camera
 from esfo_core.options import check, option
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.renderer import Window
 from esfo_core.simulation.rooms import EVEN_LIGHT, ROOMS
 from esfo_core.simulation.scene import START_NS
 from esfo_core.simulation.schedule import frame_times_in_view
+from esfo_core.simulation.sensor_options import SensorOptions
 from esfo_core.simulation.simulator import Simulation
 from esfo_core.simulation.trajectory import MOTIONS, HandheldTrajectory, random_trajectory
 

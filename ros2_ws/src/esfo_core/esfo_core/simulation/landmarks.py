@@ -110,13 +110,13 @@ def visible(
     occluded(uv, 1 / np.where(front, X[:, 2], np.inf), faces, points, hidden)
     at = uv[points]
     inside = ((at >= 0) & (at <= [camera.width - 1, camera.height - 1])).all(axis=1)
-    return at, inside & ~hidden & _faces_camera(model, points, pose)
+    return at, inside & ~hidden & _faces_camera(model, points, X)
 
 
-def _faces_camera(model: Model, points: NDArray[np.int64], pose: tuple[Matrix, Vector]) -> NDArray[np.bool_]:
-    """Whether any face at each of the points is turned to the camera."""
-    R, T = pose
-    towards = np.einsum("fi,fi->f", model.normals() @ R.T, model.vertices[model.faces[:, 0]] @ R.T + T) < 0
+def _faces_camera(model: Model, points: NDArray[np.int64], X: Matrix) -> NDArray[np.bool_]:
+    """Whether any face at each of the points is turned to the camera; X: (V, 3) vertices in its frame."""
+    a, b, c = (X[model.faces[:, k]] for k in range(3))
+    towards = np.einsum("fi,fi->f", np.cross(b - a, c - a), a) < 0
     seen = np.zeros(len(model.vertices), bool)
     seen[model.faces[towards]] = True
     return np.asarray(seen[points])

@@ -13,11 +13,11 @@ from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
 from esfo_core.options import check, option
 from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector, object_frame, rotation
-from esfo_core.simulation.contrast import SensorOptions
 from esfo_core.simulation.motion import BodyMotion
 from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.objects.mesh import read_mesh
 from esfo_core.simulation.renderer import BLUR_REACH, Window
+from esfo_core.simulation.sensor_options import SensorOptions
 from esfo_core.simulation.sensors import sensor_model
 from esfo_core.simulation.simulator import Progress, Simulation, frame_times
 from esfo_core.simulation.surface import Model

@@ -14,13 +14,15 @@ fail() {
   exit 1
 }
 
-# The interpreter behind any virtual environment, so that .venv can be replaced from inside itself.
+# The interpreter behind any virtual environment, so that .venv can be replaced from inside itself; without links, so that
+# it is the same one with and without scripts/env.sh sourced.
 base_python() {
   command -v "$1" >/dev/null && "$1" - 2>/dev/null <<'PY'
+import os
 import sys
 
 if (3, 11) <= sys.version_info[:2] <= (3, 12):
-    print(getattr(sys, "_base_executable", sys.executable))
+    print(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))
 PY
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,10 +15,14 @@ from esfo_bringup.settings import RunSettings
 from esfo_core.camera import Camera
 from esfo_core.errors import RecordingError
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.events import EventArray, empty_events
 from esfo_core.recordings import ReadingOptions, Recording, open_recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.pipelines import Statistics
+
+Listener = Callable[[EventArray, FrontendOutput], None]
+"""Gets the events of a run as they stream, with what they settle in the front-end."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +65,17 @@ def open_source(
     return Source(recording, camera, False)
 
 
-def run_offline(source: Source, settings: RunSettings) -> RunResult:
-    """Track the whole recording, then estimate once. Raises RecordingError for a recording without events."""
+def run_offline(source: Source, settings: RunSettings, listen: Listener | None = None) -> RunResult:
+    """Track the whole recording, then estimate once. Raises RecordingError for a recording without events.
+
+    listen: called for every chunk of events, and at the end without events for what was pending.
+    """
     recording = source.recording
     frontend = Frontend(recording.width, recording.height, settings.frontend)
     backend = Backend(source.camera, settings.backend)
     tracks: list[Tracks] = []
     begin = time.perf_counter()
-    for output in _outputs(frontend, recording):
+    for output in _outputs(frontend, recording, listen):
         backend.add(output.tracks, output.activity)
         tracks.append(output.tracks.observations)
     tracking_s = time.perf_counter() - begin
@@ -86,13 +93,19 @@ def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, 
     return tracks.sorted(), frontend.statistics
 
 
-def _outputs(frontend: Frontend, recording: Recording) -> Iterator[FrontendOutput]:
+def _outputs(frontend: Frontend, recording: Recording, listen: Listener | None = None) -> Iterator[FrontendOutput]:
     """Yield what the front-end makes of the recording, its end included."""
     for events in follow(recording, recording.chunks(), "tracking"):
-        yield frontend.process(events)
+        output = frontend.process(events)
+        if listen is not None:
+            listen(events, output)
+        yield output
     if not frontend.statistics.events:
         raise RecordingError(f"{recording.path}: no events")
-    yield frontend.flush()
+    output = frontend.flush()
+    if listen is not None:
+        listen(empty_events(), output)
+    yield output
 
 
 def with_source(estimate: OrbitEstimate, source: Source) -> OrbitEstimate:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-from esfo_core.simulation import contrast
-from esfo_core.simulation.contrast import Sensor
-from esfo_core.simulation.renderer import Levels
-from esfo_core.simulation.sensor_options import SensorOptions
+from esfo_core.simulation.render.renderer import Levels
+from esfo_core.simulation.sensor import event_sensor
+from esfo_core.simulation.sensor.event_sensor import Sensor
+from esfo_core.simulation.sensor.options import SensorOptions
 
 SIZE, WINDOW, ORIGIN = (1280, 720), 600, (300, 60)
 LEVELS = Levels(-3.0, 4e-5)
@@ -65,13 +65,13 @@ def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
     frames = film(40)
-    mark = contrast.mark_active
+    mark = event_sensor.mark_active
     results = {}
     for name, options in CASES.items():
         if "every" in name:
-            contrast.mark_active = lambda band, exposure, active: active.fill(True)
+            event_sensor.mark_active = lambda band, exposure, active: active.fill(True)
         results[name] = run(frames, options)
-        contrast.mark_active = mark
+        event_sensor.mark_active = mark
     plain = results["plain"][0]
     print("| sensor | ms per step | ratio to plain | events per step |\n|---|---|---|---|")
     for name, (ms, events) in results.items():

@@ -24,11 +24,11 @@ from esfo_core.camera import Camera
 from esfo_core.events import EventArray
 from esfo_core.options import parse_assignments, replace
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.simulation.handheld import HandheldOptions, handheld_scene
+from esfo_core.simulation.handheld.rooms import corners
+from esfo_core.simulation.handheld.scene import HandheldOptions, handheld_scene
 from esfo_core.simulation.landmarks import corner_vertices, visible
-from esfo_core.simulation.rooms import corners
 from esfo_core.simulation.scene import Scene, SceneOptions, simulate
-from esfo_core.simulation.sensor_options import SensorOptions
+from esfo_core.simulation.sensor.options import SensorOptions
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.renderer import Renderer, Window
+from esfo_core.simulation.render.renderer import Renderer, Window
 from esfo_core.simulation.scene import Scene, SceneOptions, simulate
 from esfo_core.simulation.simulator import BLUR_PX
 

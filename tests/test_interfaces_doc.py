@@ -12,7 +12,7 @@ import esfo_frontend.live
 import esfo_frontend.options
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
-from esfo_core.simulation.handheld import HandheldOptions
+from esfo_core.simulation.handheld.scene import HandheldOptions
 from esfo_core.simulation.scene import SceneOptions
 
 ROOT = Path(__file__).parents[1]

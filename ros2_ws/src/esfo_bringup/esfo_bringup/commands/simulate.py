@@ -13,12 +13,12 @@ from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
 from esfo_core.options import parse_assignments, replace
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.simulation.handheld import HandheldOptions
+from esfo_core.simulation.handheld.rooms import ROOMS
+from esfo_core.simulation.handheld.scene import HandheldOptions
 from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.rooms import ROOMS
 from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
 from esfo_core.simulation.scene_files import is_written, topspin, write_handheld, write_scene
-from esfo_core.simulation.sensors import SENSORS
+from esfo_core.simulation.sensor.catalogue import SENSORS
 from esfo_core.simulation.truth import Truth
 
 _LONGEST_LENS_MM = 1e4

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from esfo_core.camera import Camera
 from esfo_core.orbit import Matrix, Vector
 from esfo_core.simulation.motion import Motion
-from esfo_core.simulation.surface import Model
+from esfo_core.simulation.render.surface import Model
 from esfo_core.tracks import Tracks
 
 _TOLERANCE = 1e-4

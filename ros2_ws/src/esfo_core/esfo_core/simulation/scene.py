@@ -16,11 +16,11 @@ from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector, object_frame, rot
 from esfo_core.simulation.motion import BodyMotion
 from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.objects.mesh import read_mesh
-from esfo_core.simulation.renderer import BLUR_REACH, Window
-from esfo_core.simulation.sensor_options import SensorOptions
-from esfo_core.simulation.sensors import sensor_model
+from esfo_core.simulation.render.renderer import BLUR_REACH, Window
+from esfo_core.simulation.render.surface import Model
+from esfo_core.simulation.sensor.catalogue import sensor_model
+from esfo_core.simulation.sensor.options import SensorOptions
 from esfo_core.simulation.simulator import Progress, Simulation, frame_times
-from esfo_core.simulation.surface import Model
 
 VIEWS = {"topdown": (65.0, 10.0), "sideon": (6.0, 4.0), "perpendicular": (12.0, 83.0), "diagonal": (42.0, 25.0)}
 """Perspectives named as in the paper (Table 1): (elevation, roll) of the axis in degrees.

@@ -14,7 +14,7 @@ from esfo_core.events import EventArray
 from esfo_core.options import fields_of
 from esfo_core.recordings import open_recording, write_mcap
 from esfo_core.recordings.event_camera_dataset import write_event_camera_dataset
-from esfo_core.simulation.handheld import HandheldOptions, handheld_scene
+from esfo_core.simulation.handheld.scene import HandheldOptions, handheld_scene
 from esfo_core.simulation.landmarks import choose_points, true_tracks
 from esfo_core.simulation.objects.catalogue import OBJECTS
 from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, Scene, SceneOptions, simulate

@@ -15,11 +15,11 @@ from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
 from esfo_core.orbit import NANOSECONDS, Matrix
-from esfo_core.simulation.contrast import Sensor
 from esfo_core.simulation.motion import Motion
-from esfo_core.simulation.renderer import Light, Renderer, Window
-from esfo_core.simulation.sensor_options import SensorOptions
-from esfo_core.simulation.surface import Model
+from esfo_core.simulation.render.renderer import Light, Renderer, Window
+from esfo_core.simulation.render.surface import Model
+from esfo_core.simulation.sensor.event_sensor import Sensor
+from esfo_core.simulation.sensor.options import SensorOptions
 
 LARGEST_STEP_PX = 0.5
 """Motion of the image between two frames: beyond about the blur, light no longer changes linearly between them."""

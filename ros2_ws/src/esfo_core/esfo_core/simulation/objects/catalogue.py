@@ -10,7 +10,7 @@ from esfo_core.simulation.objects.hubble import hubble
 from esfo_core.simulation.objects.soho import soho
 from esfo_core.simulation.objects.switch import switch
 from esfo_core.simulation.objects.tdrs import tdrs
-from esfo_core.simulation.surface import Model
+from esfo_core.simulation.render.surface import Model
 
 OBJECTS: dict[str, Callable[[int], Model]] = {
     "hubble": hubble,

@@ -5,7 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from esfo_core.simulation.objects.mounting import Mounting
-from esfo_core.simulation.surface import Model, Mosaic, Points, Surface, circle, facing, plain, rectangle, rounded
+from esfo_core.simulation.render.surface import (
+    Model,
+    Mosaic,
+    Points,
+    Surface,
+    circle,
+    facing,
+    plain,
+    rectangle,
+    rounded,
+)
 
 _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(0.003, -0.004, 0.005), tilt_deg=(-7.0, 2.0), scale=1.4)

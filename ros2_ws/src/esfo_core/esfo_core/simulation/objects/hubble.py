@@ -6,7 +6,7 @@ import numpy as np
 
 from esfo_core.orbit import rotation
 from esfo_core.simulation.objects.mounting import Mounting
-from esfo_core.simulation.surface import Model, Mosaic, Points, Surface, facing
+from esfo_core.simulation.render.surface import Model, Mosaic, Points, Surface, facing
 
 _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(0.003, -0.002, 0.003), tilt_deg=(1.2, -1.6))

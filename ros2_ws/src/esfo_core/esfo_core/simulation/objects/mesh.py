@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from esfo_core.errors import SimulationError
 from esfo_core.simulation.objects.mesh_color import LOWEST, face_albedo
-from esfo_core.simulation.surface import Model, Points
+from esfo_core.simulation.render.surface import Model, Points
 
 SUFFIXES = (".ply", ".obj", ".glb", ".stl")
 

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from esfo_core.simulation.surface import Points
+from esfo_core.simulation.render.surface import Points
 
 UNCOLORED = 0.6
 """Albedo of a mesh that has no colours."""

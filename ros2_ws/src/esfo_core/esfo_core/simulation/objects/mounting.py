@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_core.orbit import rotation
-from esfo_core.simulation.surface import Model
+from esfo_core.simulation.render.surface import Model
 
 _X, _Y, _ = np.eye(3)
 

@@ -7,7 +7,7 @@ import numpy as np
 from esfo_core.orbit import rotation
 from esfo_core.simulation.objects.mounting import Mounting
 from esfo_core.simulation.objects.solar_wing import SolarWing
-from esfo_core.simulation.surface import Model, Mosaic, Surface, circle, facing, plain, rectangle
+from esfo_core.simulation.render.surface import Model, Mosaic, Surface, circle, facing, plain, rectangle
 
 _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(0.004, -0.003, 0.006), tilt_deg=(2.5, -1.5))

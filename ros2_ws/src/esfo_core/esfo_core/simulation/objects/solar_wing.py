@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from esfo_core.simulation.surface import Mosaic, Surface, facing, plain
+from esfo_core.simulation.render.surface import Mosaic, Surface, facing, plain
 
 _X = np.array([1.0, 0, 0])
 

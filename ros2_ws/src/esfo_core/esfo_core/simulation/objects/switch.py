@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from esfo_core.simulation.objects.mounting import Mounting
-from esfo_core.simulation.surface import Model, Mosaic, Surface, circle, facing, plain, rectangle, rounded
+from esfo_core.simulation.render.surface import Model, Mosaic, Surface, circle, facing, plain, rectangle, rounded
 
 _X, _Y, _Z = np.eye(3)
 _MOUNTING = Mounting(offset_m=(-0.004, 0.003, 0.004), tilt_deg=(-6.0, -2.0))

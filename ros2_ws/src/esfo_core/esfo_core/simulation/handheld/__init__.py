@@ -1,0 +1,1 @@
+"""A hand-held camera in a room: scenes in the manner of the Event Camera Dataset."""

@@ -1,0 +1,1 @@
+"""Rendering: surfaces in any pose to images of log intensity."""

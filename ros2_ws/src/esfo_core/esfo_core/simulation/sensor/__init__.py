@@ -1,0 +1,1 @@
+"""The event sensor: images of log intensity to events."""

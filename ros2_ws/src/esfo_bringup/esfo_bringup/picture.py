@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.exposure import LONGEST_MOMENT_NS, Exposure
+from esfo_bringup.offline import RunResult
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import NANOSECONDS, object_frame
@@ -18,53 +19,39 @@ from esfo_core.orbit import NANOSECONDS, object_frame
 mpl.use("Agg")
 
 _SNAPSHOT_TURN = 0.02
-_LONGEST_SNAPSHOT_NS = 100_000_000
 _AXIS_COLOUR = "#d62728"
 _POINT_COLOUR = "#2ca02c"
 
 
-def draw_events(result: RunResult, source: Source, path: Path) -> None:
+def draw_events(result: RunResult, camera: Camera, exposure: Exposure, path: Path) -> None:
     """Draw the events of a moment with the projected points, all events with the axis, and the structure."""
     estimate = result.estimate
     spin = estimate.spin
-    duration = _LONGEST_SNAPSHOT_NS
+    duration = LONGEST_MOMENT_NS
     if spin is not None:
         duration = min(duration, round(_SNAPSHOT_TURN / spin.rate_hz * NANOSECONDS))
-    middle = (estimate.t_first + estimate.t_last) // 2
-    snapshot, everything = accumulate(source, (middle, middle + duration))
+    moment = exposure.moment(duration)
     widths = [1.0, 1.0] if spin is None else [1.0, 1.0, 0.6]
     figure = Figure(figsize=(5.4 * sum(widths), 4.6), layout="constrained")
     axes = figure.subplots(1, len(widths), width_ratios=widths)
-    _image(axes[0], snapshot, f"events of {duration / 1e6:.0f} ms")
-    _image(axes[1], everything, "all events")
+    _image(axes[0], exposure.count(moment), f"events of {duration / 1e6:.0f} ms")
+    _image(axes[1], exposure.counts, "all events")
     if spin is not None:
         half = 1.2 * float(np.linalg.norm(estimate.points, axis=1).max(initial=0.1))
         for panel in axes[:2]:
-            line = spin.screw_line(source.camera, half)
+            line = spin.screw_line(camera, half)
             panel.plot(line[:, 0], line[:, 1], color=_AXIS_COLOUR, lw=2, label=f"axis, {spin.rate_hz:.4f} Hz")
-        _points(axes[0], estimate, source.camera, middle + duration // 2)
+        if len(moment):
+            _points(axes[0], estimate, camera, (int(moment["t"][0]) + int(moment["t"][-1])) // 2)
         axes[1].legend(loc="lower right")
         _structure(axes[2], estimate)
     for panel in axes[:2]:
-        panel.set_xlim(-0.5, source.camera.width - 0.5)
-        panel.set_ylim(source.camera.height - 0.5, -0.5)
+        panel.set_xlim(-0.5, camera.width - 0.5)
+        panel.set_ylim(camera.height - 0.5, -0.5)
     figure.savefig(path, dpi=100)
 
 
-def accumulate(source: Source, span: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Count events per pixel: (2, height, width) by polarity within the span of ns, and over the whole recording."""
-    shape = (2, source.camera.height, source.camera.width)
-    snapshot, everything = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    for events in source.recording.chunks():
-        flat = np.ravel_multi_index((events["p"].astype(int), events["y"].astype(int), events["x"].astype(int)), shape)
-        everything += np.bincount(flat, minlength=everything.size).reshape(shape)
-        inside = (events["t"] >= span[0]) & (events["t"] < span[1])
-        if inside.any():
-            snapshot += np.bincount(flat[inside], minlength=snapshot.size).reshape(shape)
-    return snapshot, everything
-
-
-def _image(panel: Axes, counts: NDArray[np.int64], title: str) -> None:
+def _image(panel: Axes, counts: NDArray[np.uint32], title: str) -> None:
     """Off events blue, on events red, on white; the brightest percent saturates."""
     strength = np.log1p(counts)
     positive = strength[strength > 0]

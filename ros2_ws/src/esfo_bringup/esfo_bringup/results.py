@@ -10,6 +10,7 @@ import numpy as np
 import trimesh
 
 from esfo_bringup import __version__
+from esfo_bringup.exposure import Exposure
 from esfo_bringup.offline import RunResult, Source
 from esfo_bringup.picture import draw_events
 from esfo_bringup.report import write_report
@@ -22,8 +23,11 @@ def versions() -> dict[str, str]:
     return {"esfo": __version__, "python": python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
 
 
-def write_results(result: RunResult, source: Source, folder: Path) -> None:
-    """Write all files into `folder`, which is made; points.ply only where there are points."""
+def write_results(result: RunResult, source: Source, exposure: Exposure, folder: Path) -> None:
+    """Write all files but result.mcap into `folder`, which is made; points.ply only where there are points.
+
+    exposure: has seen the events of the source.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     estimate = result.estimate
     estimate.write_json(folder / "orbit.json", versions())
@@ -33,7 +37,7 @@ def write_results(result: RunResult, source: Source, folder: Path) -> None:
     if len(estimate.points):
         cloud = trimesh.PointCloud(estimate.points.astype(np.float32))  # type: ignore[no-untyped-call]
         cloud.export(points)  # type: ignore[no-untyped-call]
-    draw_events(result, source, folder / "axis.png")
+    draw_events(result, source.camera, exposure, folder / "axis.png")
     write_report(result, source, folder)
 
 

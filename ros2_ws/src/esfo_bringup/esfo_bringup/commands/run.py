@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, report, settings_of, source_of
+from esfo_bringup.exposure import Exposure
 from esfo_bringup.offline import Source, run_offline, track_offline
 from esfo_bringup.results import write_results
 from esfo_frontend.pipelines import Statistics
@@ -33,8 +34,9 @@ def execute(args: argparse.Namespace) -> int:
         _print_statistics(statistics)
         print(f"written     {args.output}/tracks.csv")
         return 0
-    result = run_offline(source, settings)
-    write_results(result, source, args.output)
+    exposure = Exposure(source.recording.width, source.recording.height)
+    result = run_offline(source, settings, lambda events, _: exposure.add(events))
+    write_results(result, source, exposure, args.output)
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)

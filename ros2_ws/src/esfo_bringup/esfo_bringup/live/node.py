@@ -24,6 +24,7 @@ from esfo_backend import messages
 from esfo_bringup.commands.arguments import report, settings_of, source_of
 from esfo_bringup.commands.live import add_live_arguments
 from esfo_bringup.errors import CommandError, error_line
+from esfo_bringup.exposure import Exposure
 from esfo_bringup.live.processes import NodeProcess, NodeProcesses
 from esfo_bringup.offline import RunResult, Source, with_source
 from esfo_bringup.results import write_results
@@ -204,7 +205,10 @@ def main() -> int:
         source = source_of(args)
         with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
             result = run_live(source, args, Path(folder))
-        write_results(result, source, args.output)
+        exposure = Exposure(source.recording.width, source.recording.height)
+        for events in source.recording.chunks():
+            exposure.add(events)
+        write_results(result, source, exposure, args.output)
         return report(result, args.output)
     except EsfoError as error:
         sys.stderr.write(error_line(error))

@@ -15,9 +15,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from esfo_core.codecs import encoder
 from esfo_core.codecs.event_array import CDR_STRIDE, ROS1_EVENT, cdr_size
 from esfo_core.events import EventArray, make_events
+from esfo_core.packets import EVENT_PACKET
 from esfo_core.recordings import open_recording, write_mcap
 from esfo_core.recordings.bag_file import BagFile
-from esfo_core.recordings.messages import EVENT_PACKET
 
 WIDTH, HEIGHT = 1280, 720
 PACKET = 8192
@@ -172,7 +172,7 @@ def recorded(name: str) -> Iterator[Case]:
     if path.is_dir():
         file = BagFile(next(p for p in path.iterdir() if p.suffix in (".mcap", ".db3")))
         topic = next(topic for topic, _ in file.topics([EVENT_PACKET]))
-        packets = [(int(m.time_base), m.events.tobytes()) for m in file.messages(topic, EVENT_PACKET)]
+        packets = [(m.time_base, bytes(m.data)) for m in file.messages(topic, EVENT_PACKET)]
     encoding = recording.format.rpartition(", ")[2]
     yield Case(
         f"{encoding if packets else recording.format}, recorded",

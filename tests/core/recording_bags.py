@@ -13,8 +13,9 @@ from esfo_core.camera import Camera
 from esfo_core.codecs import encode_mono
 from esfo_core.errors import RecordingError
 from esfo_core.events import make_events
+from esfo_core.packets import EVENT_PACKET
 from esfo_core.recordings import open_recording
-from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, header, info_from_camera, typestore
+from esfo_core.recordings.messages import CAMERA_INFO, header, info_from_camera, typestore
 
 CAMERA = Camera.pinhole(64, 48, 60.0)
 STORE = typestore()

@@ -10,8 +10,9 @@ from recording_bags import CAMERA, event_bag, everything, expect_error, info, pa
 
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, EsfoError, RecordingError
+from esfo_core.packets import EVENT_PACKET
 from esfo_core.recordings import write_mcap
-from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET
+from esfo_core.recordings.messages import CAMERA_INFO
 
 
 def test_paths_without_a_recording(tmp_path):

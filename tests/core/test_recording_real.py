@@ -7,9 +7,9 @@ import pytest
 from recording_truth import TRUTHS, recording
 
 from esfo_core.codecs import decoder
+from esfo_core.packets import EVENT_PACKET
 from esfo_core.recordings import open_recording
 from esfo_core.recordings.bag_file import BagFile
-from esfo_core.recordings.messages import EVENT_PACKET
 
 
 def read(name):
@@ -52,7 +52,7 @@ def test_times_of_events_and_triggers_together():
     path = recording("ros_bags/evt3_ros1.bag")
     d, total, edges = decoder("evt3", 640, 480), 0, []
     for message in BagFile(path).messages("/event_camera/events", EVENT_PACKET):
-        total += int(d.decode(message.events)["t"].sum()) + int(d.triggers["t"].sum())
+        total += int(d.decode(message.data)["t"].sum()) + int(d.triggers["t"].sum())
         edges += d.triggers["edge"].tolist()
     assert total == 2_885_601_049_874 * 1000
     assert edges == [1, 0] * 2078 + [1]

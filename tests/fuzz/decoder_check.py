@@ -39,6 +39,7 @@ def seeds(encoding: str) -> list[bytes]:
         "libcaer": [_words("<u4", [1 | 3 << 2 | 5 << 17, 2**31 - 1, 3 | 259 << 2 | 345 << 17, 4])],
         "libcaer_cmp": [_words("<u2", [0x0001, 0x1002, 0x2005, 0x3807, 0x4803, 0x50FF, 0x5001, 0x6000])],
         "cdr_event_array": [bytes([1, 0] * 30)[: cdr_size(3)], bytes(cdr_size(4))],
+        "cdr_event_array_be": [bytes([0, 1] * 30)[: cdr_size(3)], bytes(cdr_size(4))],
         "ros1_event_array": [bytes([1, 0, 2, 0, 1, 0, 2, 0, 1, 0, 2, 0, 1] * 3)],
     }
     return [head + data for data in [*words.get(encoding, []), b"", b"\xff" * 64, bytes(64)]]

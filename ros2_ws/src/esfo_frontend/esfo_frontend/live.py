@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from esfo_core.codecs import Decoder, decoder
-from esfo_core.codecs.base import Bytes
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray, empty_events
 from esfo_core.options import option
+from esfo_core.packets import Packet
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.options import FrontendOptions
 
@@ -36,21 +36,6 @@ class LiveOptions:
     wait_for_back_end: bool = option(False, "take events only once a back-end, and whoever else is there, listens")
     min_listeners: int = option(1, "with wait_for_back_end: least listeners of tracks, and of activity", 1, 1000)
     idle_flush_s: float = option(2.0, "wall time without packets that ends the stream, s; 0: never", 0.0, 1e6)
-
-
-@dataclass(frozen=True)
-class Packet:
-    """One `event_camera_msgs/EventPacket`. stamp: its host time, ns; time_base as the encoding has it."""
-
-    seq: int
-    width: int
-    height: int
-    encoding: str
-    big_endian: bool
-    time_base: int
-    data: Bytes
-    stamp: int
-    frame_id: str
 
 
 @dataclass

@@ -13,11 +13,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from esfo_core.activity import Activity
-from esfo_core.node import from_stamp, to_stamp
+from esfo_core.messages import from_stamp, to_stamp
 from esfo_core.orbit import Spin
+from esfo_core.packets import Packet
 from esfo_core.tracks import TrackUpdate
 from esfo_frontend.clusters import Clusters
-from esfo_frontend.live import Packet
 
 BINS_PER_MESSAGE = 32
 

@@ -1,4 +1,4 @@
-"""The events of the messages that came before `EventPacket`, as they lie in serialised messages, little-endian.
+"""The events of the messages that came before `EventPacket`, as they lie in serialised messages.
 
 An event is x and y (uint16), its time (seconds and nanoseconds, 32 bits each) and its polarity (one byte). ROS 1 packs
 these into 13 bytes. CDR, the form of ROS 2, aligns each field to its size: as an event ends on its polarity, the next
@@ -8,7 +8,7 @@ event lie two bytes later than that, because the sequence begins on a multiple o
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,19 +47,28 @@ class EventArrayDecoder(Decoder):
 
 
 class CdrEventArrayDecoder(EventArrayDecoder):
-    """Decodes the sequence of events of a message in CDR, without its length."""
+    """Decodes the sequence of events of a message in CDR, little-endian, without its length."""
 
     word = np.dtype("u1")
+    pixel: ClassVar[np.dtype[Any]] = _CDR_PIXEL
+    time: ClassVar[np.dtype[Any]] = _CDR_TIME
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         count = (len(words) + 3) // CDR_STRIDE
         self.statistics.trailing_bytes += len(words) - cdr_size(count)
         if not count:
             return empty_events()
-        pixels = np.empty(count, _CDR_PIXEL)
-        pixels[:1] = words[: _CDR_PIXEL.itemsize].view(_CDR_PIXEL)
-        pixels[1:] = _strided(words, _SECOND_PIXEL, count - 1, _CDR_PIXEL)
-        return self._events(pixels, _strided(words, _FIRST_TIME, count, _CDR_TIME))
+        pixels = np.empty(count, self.pixel)
+        pixels[:1] = words[: self.pixel.itemsize].view(self.pixel)
+        pixels[1:] = _strided(words, _SECOND_PIXEL, count - 1, self.pixel)
+        return self._events(pixels, _strided(words, _FIRST_TIME, count, self.time))
+
+
+class BigEndianCdrEventArrayDecoder(CdrEventArrayDecoder):
+    """Decodes the same in big-endian order."""
+
+    pixel = _CDR_PIXEL.newbyteorder(">")
+    time = _CDR_TIME.newbyteorder(">")
 
 
 class Ros1EventArrayDecoder(EventArrayDecoder):

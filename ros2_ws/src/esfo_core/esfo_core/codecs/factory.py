@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from esfo_core.codecs.base import Decoder
 from esfo_core.codecs.dat import DatDecoder
-from esfo_core.codecs.event_array import CdrEventArrayDecoder, Ros1EventArrayDecoder
+from esfo_core.codecs.event_array import BigEndianCdrEventArrayDecoder, CdrEventArrayDecoder, Ros1EventArrayDecoder
 from esfo_core.codecs.evt2 import Evt2Decoder
 from esfo_core.codecs.evt3 import Evt3Decoder
 from esfo_core.codecs.evt3_encoder import Evt3Encoder
@@ -19,6 +19,7 @@ from esfo_core.events import EventArray
 
 _DECODERS: dict[str, type[Decoder]] = {
     "cdr_event_array": CdrEventArrayDecoder,
+    "cdr_event_array_be": BigEndianCdrEventArrayDecoder,
     "dat": DatDecoder,
     "evt2": Evt2Decoder,
     "evt21": Evt21Decoder,

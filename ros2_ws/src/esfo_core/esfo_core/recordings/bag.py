@@ -10,10 +10,10 @@ from esfo_core.camera import Camera
 from esfo_core.codecs import Decoder, decoder
 from esfo_core.errors import CameraError, EsfoError, RecordingError
 from esfo_core.events import EventArray
+from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet
 from esfo_core.recordings.bag_file import BagFile
 from esfo_core.recordings.cut_mcap import CutMcap, is_cut
-from esfo_core.recordings.event_messages import EVENT_ARRAYS, EVENT_KINDS
-from esfo_core.recordings.messages import CAMERA_INFO, camera_from_info, stamp_of
+from esfo_core.recordings.messages import CAMERA_INFO, camera_from_info
 from esfo_core.recordings.recording import Recording
 
 
@@ -29,13 +29,13 @@ class BagRecording(Recording):
     def __init__(self, path: Path, files: Sequence[Path], kind: str, topic: str | None = None) -> None:
         super().__init__(path, sum(file.stat().st_size for file in files))
         self._files = [CutMcap(file) if file.suffix == ".mcap" and is_cut(file) else BagFile(file) for file in files]
-        topics = self._topics(EVENT_KINDS)
+        topics = self._topics(SUPPORTED)
         self.topic, self._kind = _choose(topics, topic)
         self._messages = topics[self.topic, self._kind]
-        first = next((m for m in self._all(self.topic, self._kind) if m is not None), None)
+        first: Packet | None = next((m for m in self._all(self.topic, self._kind) if m is not None), None)
         if first is None:
             raise RecordingError(f"no readable message on the event topic {self.topic!r}")
-        self.width, self.height, self.encoding = int(first.width), int(first.height), str(first.encoding)
+        self.width, self.height, self.encoding = first.width, first.height, first.encoding
         self.format = f"{kind}, {self._kind.replace('/msg/', '/') if self._kind in EVENT_ARRAYS else self.encoding}"
         self._new_decoder()
         try:
@@ -54,25 +54,26 @@ class BagRecording(Recording):
         statistics.decoder = events_of.statistics
         statistics.bytes_lost = sum(file.bytes_lost for file in self._files)
         latest: int | None = None
-        for message in self._all(self.topic, self._kind):
-            if message is None:
+        packets: Iterator[Packet | None] = self._all(self.topic, self._kind)
+        for packet in packets:
+            if packet is None:
                 statistics.packets_damaged += 1
                 events_of.resynchronise()
                 latest = None if latest is None else latest + 1  # it had a number too: damaged, not lost
                 continue
-            self._check_same(message)
-            seq = statistics.packets if message.seq is None else int(message.seq)
-            if latest is not None and seq > latest + 1 and message.seq is not None:
+            self._check_same(packet)
+            seq = statistics.packets if packet.seq is None else packet.seq
+            if latest is not None and seq > latest + 1 and packet.seq is not None:
                 statistics.packets_lost += seq - latest - 1
                 events_of.resynchronise()
             latest = seq
             statistics.packets += 1
             try:
-                parts = events_of.decode_parts(message.events, int(message.time_base))
+                parts = events_of.decode_parts(packet.data, packet.time_base)
             except RecordingError as error:
                 raise RecordingError(f"packet {seq}: {error}") from error
             if statistics.host_offset is None and len(parts[0]):
-                statistics.host_offset = stamp_of(message) - int(parts[0]["t"][0])
+                statistics.host_offset = packet.stamp - int(parts[0]["t"][0])
             yield from parts
 
     def _all(self, topic: str, kind: str) -> Iterator[Any]:
@@ -92,15 +93,15 @@ class BagRecording(Recording):
         except RecordingError as error:
             raise RecordingError(f"topic {self.topic!r}: {error}") from error
 
-    def _check_same(self, message: Any) -> None:
-        found = (int(message.width), int(message.height), str(message.encoding))
+    def _check_same(self, packet: Packet) -> None:
+        found = (packet.width, packet.height, packet.encoding)
         if found != (self.width, self.height, self.encoding):
             raise RecordingError(
-                f"packet {message.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
+                f"packet {packet.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
                 f"{self.width}x{self.height} {self.encoding!r}"
             )
-        if message.is_bigendian:
-            raise RecordingError(f"packet {message.seq} of {self.topic!r} is big-endian")
+        if packet.big_endian:
+            raise RecordingError(f"packet {packet.seq} of {self.topic!r} is big-endian")
 
     def _find_camera(self) -> Camera | None:
         topics = [topic for topic, _ in self._topics([CAMERA_INFO])]
@@ -127,7 +128,7 @@ class BagRecording(Recording):
 def _choose(topics: dict[tuple[str, str], int], wanted: str | None) -> tuple[str, str]:
     """Return name and type of the topic to read, from the numbers of messages of all event topics."""
     if not topics:
-        raise RecordingError(f"the bag has no topic of type {', '.join(EVENT_KINDS)}")
+        raise RecordingError(f"the bag has no topic of type {', '.join(SUPPORTED)}")
     names = ", ".join(sorted(topic for topic, _ in topics))
     candidates = [key for key in topics if wanted in (None, key[0])]
     if not candidates:

@@ -1,25 +1,19 @@
-"""Serialised messages that hold events: `EventPacket`, and the arrays of one element per event that came before it."""
+"""Messages of events in bags: their readers by type, and whether a bag defines them as these readers have them."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import get_types_from_msg
 
-from esfo_core.codecs.event_array import ROS1_EVENT, cdr_size
+from esfo_core.codecs.event_array import ROS1_EVENT
 from esfo_core.errors import RecordingError
-from esfo_core.recordings.messages import EVENT_PACKET, OLD_EVENT_PACKET, header, typestore
-
-EVENT_ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray", "dv_ros2_msgs/msg/EventArray")
-"""Types with the fields of `dvs_msgs/EventArray`, here under the names of ROS 2."""
-
-EVENT_KINDS = (EVENT_PACKET, OLD_EVENT_PACKET, *EVENT_ARRAYS)
+from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet, packet_from_cdr
+from esfo_core.recordings.messages import stamp_of, typestore
 
 _EVENT_ARRAY_DEFINITION = """\
 std_msgs/Header header
@@ -35,28 +29,18 @@ bool polarity
 """
 
 
-@dataclass(frozen=True)
-class EventArrayMessage:
-    """An `EventArray` with the attributes of an `EventPacket`: its events as bytes for the decoder of `encoding`.
-
-    seq: None in ROS 2, whose header has no number.
-    """
-
-    header: Any
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: bool
-    events: NDArray[np.uint8]
-    seq: int | None = None
-    time_base: int = 0
-
-
 def reader_of(kind: str, ros1: bool = False) -> Callable[[bytes], Any]:
-    """Return what reads a serialised message of the type `kind`; it may raise anything for damaged bytes."""
+    """Return what reads a serialised message of the type `kind`, those of `SUPPORTED` as a `Packet`.
+
+    It may raise anything for damaged bytes.
+    """
+    if kind in SUPPORTED and not ros1:
+        return partial(packet_from_cdr, kind)
     if kind in EVENT_ARRAYS:
-        return _read_ros1 if ros1 else _read_cdr
+        return _ros1_event_array
     store = typestore(ros1)
+    if kind in SUPPORTED:
+        return lambda data: _ros1_event_packet(store.deserialize_ros1(data, kind))
     deserialise = store.deserialize_ros1 if ros1 else store.deserialize_cdr
     return lambda data: deserialise(data, kind)
 
@@ -86,21 +70,24 @@ def _names(definition: Any) -> str:
     return "none" if definition is None else ", ".join(name for name, _ in definition[1])
 
 
-def _read_cdr(data: bytes) -> EventArrayMessage:
-    order = "<" if data[1] & 1 else ">"
-    seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, 4)
-    frame_id = bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
-    position = 16 + length + -length % 4
-    height, width, count = struct.unpack_from(f"{order}III", data, position)
-    events = np.frombuffer(data, np.uint8, cdr_size(count), position + 12)
-    stamp = header(seconds * 1_000_000_000 + nanoseconds, frame_id)
-    return EventArrayMessage(stamp, height, width, "cdr_event_array", order == ">", events)
+def _ros1_event_packet(message: Any) -> Packet:
+    return Packet(
+        seq=int(message.seq),
+        width=int(message.width),
+        height=int(message.height),
+        encoding=str(message.encoding),
+        big_endian=bool(message.is_bigendian),
+        time_base=int(message.time_base),
+        data=message.events,
+        stamp=stamp_of(message),
+        frame_id=str(message.header.frame_id),
+    )
 
 
-def _read_ros1(data: bytes) -> EventArrayMessage:
+def _ros1_event_array(data: bytes) -> Packet:
     seq, seconds, nanoseconds, length = struct.unpack_from("<IIII", data)
     frame_id = bytes(data[16 : 16 + length]).decode()
     height, width, count = struct.unpack_from("<III", data, 16 + length)
     events = np.frombuffer(data, np.uint8, ROS1_EVENT.itemsize * count, 28 + length)
-    stamp = header(seconds * 1_000_000_000 + nanoseconds, frame_id)
-    return EventArrayMessage(stamp, height, width, "ros1_event_array", False, events, seq)
+    stamp = seconds * 1_000_000_000 + nanoseconds
+    return Packet(seq, width, height, "ros1_event_array", False, 0, events, stamp, frame_id, True)

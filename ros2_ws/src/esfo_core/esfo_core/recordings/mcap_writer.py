@@ -7,26 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from mcap.writer import CompressionType, Writer
 
 from esfo_core.camera import Camera
 from esfo_core.codecs import encoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray
-from esfo_core.recordings.messages import CAMERA_INFO, EVENT_PACKET, header, info_from_camera, typestore
+from esfo_core.packets import EVENT_PACKET
+from esfo_core.recordings.bag_writer import BagTopic, BagWriter
+from esfo_core.recordings.messages import CAMERA_INFO, header, info_from_camera, typestore
 
 EVENTS_TOPIC = "/events"
 CAMERA_TOPIC = "/camera_info"
 FRAME = "camera"
-LIBRARY = "esfo_core"
 
 PACKET_NS = 2_000_000
 PACKET_EVENTS = 8192  # of at most 8 bytes each: 64 KiB
 
 LATEST = 2**31 * 10**9 - 1
 """Last time that `builtin_interfaces/Time` holds, ns."""
-
-_FOREVER = "{sec: 9223372036, nsec: 854775807}"
 
 
 def write_mcap(
@@ -52,20 +50,8 @@ def write_mcap(
     encoding is unknown or cannot hold an event, or the file cannot be written. Until the last event is written the file
     is called `<path>.part`.
     """
-    part = path.with_name(path.name + ".part")
-    try:
-        with part.open("wb") as file:
-            writer = Writer(file, compression=CompressionType.NONE)
-            writer.start(profile="ros2", library=LIBRARY)
-            count = _write(writer, chunks, camera, _Form(encoding, encoder(encoding, round_times), host_offset))
-            writer.finish()  # type: ignore[no-untyped-call]
-        part.replace(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from error
-    finally:
-        if part.exists():
-            part.unlink()
-    return count
+    with BagWriter(path) as bag:
+        return _write(bag, chunks, camera, _Form(encoding, encoder(encoding, round_times), host_offset))
 
 
 @dataclass(frozen=True)
@@ -77,19 +63,19 @@ class _Form:
     host_offset: int
 
 
-def _write(writer: Writer, chunks: Iterable[EventArray], camera: Camera | tuple[int, int], form: _Form) -> int:
+def _write(bag: BagWriter, chunks: Iterable[EventArray], camera: Camera | tuple[int, int], form: _Form) -> int:
     store = typestore()
     packet_type = store.types[EVENT_PACKET]
     width, height = (camera.width, camera.height) if isinstance(camera, Camera) else camera
     if isinstance(camera, Camera):
-        info_channel = _add_topic(writer, CAMERA_TOPIC, CAMERA_INFO, latched=True)
-    event_channel = _add_topic(writer, EVENTS_TOPIC, EVENT_PACKET, latched=False)
+        info_topic = bag.add_topic(_topic(CAMERA_TOPIC, CAMERA_INFO, depth=1, latched=True))
+    event_topic = bag.add_topic(_topic(EVENTS_TOPIC, EVENT_PACKET, depth=1000, latched=False))
     count = 0
     for seq, events in enumerate(_split(_checked(chunks, (width, height), form.host_offset))):
         first, last = (int(events["t"][i]) + form.host_offset for i in (0, -1))
         if seq == 0 and isinstance(camera, Camera):
             info = store.serialize_cdr(info_from_camera(camera, first, FRAME), CAMERA_INFO)
-            writer.add_message(info_channel, first, bytes(info), first)
+            bag.write(info_topic, first, bytes(info))
         time_base, data = form.encode(events)
         packet = packet_type(
             header=header(first, FRAME),
@@ -101,23 +87,17 @@ def _write(writer: Writer, chunks: Iterable[EventArray], camera: Camera | tuple[
             is_bigendian=False,
             events=np.frombuffer(data, np.uint8),
         )
-        writer.add_message(event_channel, last, bytes(store.serialize_cdr(packet, EVENT_PACKET)), last, seq)
+        bag.write(event_topic, last, bytes(store.serialize_cdr(packet, EVENT_PACKET)), seq)
         count += len(events)
     if not count:
         raise RecordingError("no events to write")
     return count
 
 
-def _add_topic(writer: Writer, topic: str, kind: str, latched: bool) -> int:
+def _topic(name: str, kind: str, depth: int, latched: bool) -> BagTopic:
     store = typestore()
-    schema = writer.register_schema(kind, "ros2msg", store.generate_msgdef(kind, ros_version=2)[0].encode())
-    qos = (
-        f"- {{history: keep_last, depth: {1 if latched else 1000}, reliability: reliable, "
-        f"durability: {'transient_local' if latched else 'volatile'}, deadline: {_FOREVER}, lifespan: {_FOREVER}, "
-        f"liveliness: automatic, liveliness_lease_duration: {_FOREVER}, avoid_ros_namespace_conventions: false}}\n"
-    )
-    metadata = {"offered_qos_profiles": qos, "topic_type_hash": store.hash_rihs01(kind)}
-    return writer.register_channel(topic, "cdr", schema, metadata)
+    definition, _ = store.generate_msgdef(kind, ros_version=2)
+    return BagTopic(name, kind, definition, store.hash_rihs01(kind), depth, latched)
 
 
 def _checked(chunks: Iterable[EventArray], size: tuple[int, int], host_offset: int) -> Iterator[EventArray]:

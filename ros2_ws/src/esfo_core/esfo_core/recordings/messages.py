@@ -9,10 +9,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from esfo_core.camera import Camera
-
-EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
-OLD_EVENT_PACKET = "event_array_msgs/msg/EventArray"
-"""What `EventPacket` was called at first, with the same fields."""
+from esfo_core.packets import EVENT_PACKET, OLD_EVENT_PACKET
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 

@@ -57,4 +57,4 @@ class Exposure:
 
     def _flat(self, events: EventArray) -> NDArray[np.int64]:
         _, height, width = self.counts.shape
-        return (events["p"].astype(np.int64) * height + events["y"]) * width + events["x"]
+        return np.asarray((events["p"].astype(np.int64) * height + events["y"]) * width + events["x"])

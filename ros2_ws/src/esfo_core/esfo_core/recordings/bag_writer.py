@@ -79,11 +79,12 @@ class BagWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            with self._one_kind_of_error(), self._file:
+            with self._one_kind_of_error():
+                with self._file:
+                    if error is None:
+                        self._writer.finish()  # type: ignore[no-untyped-call]
                 if error is None:
-                    self._writer.finish()  # type: ignore[no-untyped-call]
-            if error is None:
-                self._part.replace(self._path)
+                    self._part.replace(self._path)
         finally:
             self._part.unlink(missing_ok=True)
 

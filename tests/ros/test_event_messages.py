@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 pytest.importorskip("event_camera_msgs.msg", reason="the messages are not built: make setup")
-dvs = pytest.importorskip("dvs_msgs.msg", reason="the messages are not built: make setup")
-prophesee = pytest.importorskip("prophesee_event_msgs.msg", reason="the messages are not built: make setup")
+pytest.importorskip("dvs_msgs.msg", reason="the messages are not built: make setup")
+pytest.importorskip("prophesee_event_msgs.msg", reason="the messages are not built: make setup")
 
+import dvs_msgs.msg as dvs
+import prophesee_event_msgs.msg as prophesee
 from builtin_interfaces.msg import Time
 from event_camera_msgs.msg import EventPacket
 from rclpy.serialization import serialize_message

@@ -2,40 +2,9 @@
 
 import numpy as np
 import pytest
+from known_light import BRIGHTEST, LEVELS, PIXELS, SHAPE, SIZE, film, frame, of_pixel, sensor_for
 
 from esfo_core.errors import OptionError, SimulationError
-from esfo_core.simulation.render.renderer import Levels
-from esfo_core.simulation.sensor.event_sensor import Sensor
-from esfo_core.simulation.sensor.options import SensorOptions
-
-SIZE = (12, 9)
-SHAPE = SIZE[::-1]
-PIXELS = SIZE[0] * SIZE[1]
-LEVELS = Levels(-5.0, 0.0002)
-BRIGHTEST = LEVELS.low + 65535 * LEVELS.step
-QUIET = {"mismatch": 0.0, "refractory_us": 0.0, "leak_hz": 0.0, "shot_hz": 0.0, "noise_spread": 0.0}
-
-
-def frame(log_radiance, shape=SHAPE):
-    levels = np.round((np.broadcast_to(log_radiance, shape) - LEVELS.low) / LEVELS.step)
-    assert levels.min() >= 0
-    assert levels.max() <= 65535
-    return levels.astype(np.uint16)
-
-
-def sensor_for(first, seed=0, size=SIZE, origin=(0, 0), **options):
-    chosen = {**QUIET, "threshold_on": 0.25, "threshold_off": 0.25, **options}
-    return Sensor(first, LEVELS, size, origin, SensorOptions(**chosen), np.random.default_rng(seed))
-
-
-def film(sensor, frames, step_ns, begin=0.0):
-    """All events while the sensor sees the frames one after the other, step_ns apart."""
-    parts = [sensor.step(f, (begin + k * step_ns, begin + (k + 1) * step_ns)) for k, f in enumerate(frames)]
-    return np.concatenate([*parts, sensor.flush()])
-
-
-def of_pixel(events, x, y):
-    return events[(events["x"] == x) & (events["y"] == y)]
 
 
 @pytest.mark.parametrize("polarity", [0, 1])
@@ -101,67 +70,6 @@ def test_light_that_returns_balances_the_polarities():
     assert events["p"].mean() == pytest.approx(0.5, abs=4 * 0.05 / np.sqrt(PIXELS) + PIXELS / len(events))
 
 
-def dark(seconds, **options):
-    sensor = sensor_for(frame(LEVELS.low), **options)
-    return film(sensor, [frame(LEVELS.low)] * int(seconds * 10), 1e8)
-
-
-def test_shot_noise_has_the_rate_and_the_distribution_of_a_poisson_process():
-    events = dark(10, shot_hz=5.0)
-    expected = 5.0 * PIXELS * 10
-    assert len(events) == pytest.approx(expected, abs=4 * np.sqrt(expected))
-    assert events["p"].mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(expected))
-    per_pixel = np.bincount(events["y"].astype(int) * SIZE[0] + events["x"], minlength=PIXELS)
-    assert per_pixel.var() == pytest.approx(50.0, rel=4 * np.sqrt(2 / PIXELS))
-    gaps = np.concatenate([np.diff(of_pixel(events, x, y)["t"]) for x, y in np.ndindex(*SIZE)]) / 1e9
-    assert np.mean(gaps > np.log(2) / 5.0) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(len(gaps)) + 0.01)
-
-
-def test_shot_noise_is_a_quarter_in_bright_light():
-    sensor = sensor_for(frame(BRIGHTEST), shot_hz=20.0)
-    events = film(sensor, [frame(BRIGHTEST)] * 100, 1e8)
-    expected = 5.0 * PIXELS * 10
-    assert len(events) == pytest.approx(expected, abs=4 * np.sqrt(expected))
-
-
-def test_noise_rates_spread_over_the_pixels_about_their_mean():
-    events = dark(200, shot_hz=5.0, noise_spread=0.2)
-    per_pixel = np.bincount(events["y"].astype(int) * SIZE[0] + events["x"], minlength=PIXELS)
-    spread = np.log10(per_pixel).std()
-    assert spread == pytest.approx(0.2, rel=4 / np.sqrt(2 * PIXELS) + 0.02)
-    sigma = 0.2 * np.log(10)
-    assert per_pixel.mean() == pytest.approx(1000, rel=4 * np.sqrt(np.exp(sigma**2) - 1) / np.sqrt(PIXELS))
-
-
-def test_leak_makes_only_on_events_at_even_intervals():
-    events = dark(10, leak_hz=5.0, mismatch=0.1)
-    assert events["p"].all()
-    assert len(events) == pytest.approx(50 * PIXELS, abs=PIXELS)
-    for x, y in np.ndindex(*SIZE):
-        assert np.diff(of_pixel(events, x, y)["t"]) == pytest.approx(2e8, abs=1001)
-
-
-def test_shot_noise_puts_leak_off():
-    """Every event resets the pixel: of a leak of period T, disturbed at rate r, r / (exp(r T) - 1) is left."""
-    events = dark(40, leak_hz=2.0, shot_hz=4.0)
-    expected = 4.0 / (np.exp(4.0 / 2.0) - 1) * PIXELS * 40
-    on, off = (events["p"] == 1).sum(), (events["p"] == 0).sum()
-    assert on - off == pytest.approx(expected, abs=4 * np.sqrt(on + off))
-
-
-def test_hot_pixels_are_as_many_and_as_hot_as_asked():
-    leaking = dark(10, hot_pixels=0.05, hot_hz=40.0)
-    places, counts = np.unique(leaking[["x", "y"]], return_counts=True)
-    assert len(places) == round(0.05 * PIXELS)
-    assert counts == pytest.approx(400, abs=1)
-    assert leaking["p"].all()
-    firing = dark(10, hot_pixels=0.05, hot_hz=40.0, hot_kind="shot")
-    places, counts = np.unique(firing[["x", "y"]], return_counts=True)
-    assert len(places) == round(0.05 * PIXELS)
-    assert counts == pytest.approx(400, abs=4 * 20)
-    assert firing["p"].mean() == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(len(firing)))
-
-
 def test_dead_time_separates_the_events_of_a_pixel_and_forgets_what_passes():
     slope, steps = 1e3, 50  # log intensity per s
     for dead_us in (0.0, 500.0):
@@ -193,54 +101,6 @@ def test_step_response_gives_back_the_time_constant(light):
             low, high = (middle, high) if (first - last) / (first - second) < len(late) - 1 else (low, middle)
         # Stamps are cut to 1 us; the first interval is the shortest and carries that error.
         assert middle == pytest.approx(expected, rel=4 * 1e3 / (late[1] - late[0]) + 1e-3)
-
-
-def test_flicker_makes_the_analytic_number_of_events_also_outside_the_window():
-    hz, depth, threshold = 100.0, 0.4, 0.1
-    sensor = sensor_for(
-        frame(0.0, (4, 5)),
-        size=SIZE,
-        origin=(3, 2),
-        flicker_hz=hz,
-        flicker_depth=depth,
-        threshold_on=threshold,
-        threshold_off=threshold,
-    )
-    events = film(sensor, [frame(0.0, (4, 5))] * 300, 1e6)
-    swing = np.log((1 + depth) / (1 - depth))
-    settled = events[events["t"] >= 1e8]
-    whole = int(swing / threshold)
-    inside = (settled["x"] >= 3) & (settled["x"] < 8) & (settled["y"] >= 2) & (settled["y"] < 6)
-    for part in (settled[inside], settled[~inside]):
-        _, counts = np.unique(part[["x", "y"]], return_counts=True)
-        per_half_period = counts / (2 * hz * 0.2)
-        # The reference stands on a lattice of thresholds, of which a swing holds so many or one less, but for one step.
-        assert set(np.round(per_half_period, 9)) <= {whole - 1, whole}
-        assert part["p"].mean() == pytest.approx(0.5, abs=1e-9)
-    _, counts = np.unique(settled[["x", "y"]], return_counts=True)
-    mean = counts.sum() / (PIXELS * 2 * hz * 0.2)
-    assert mean == pytest.approx(swing / threshold - 1, abs=4 * 0.5 / np.sqrt(PIXELS))
-
-
-def test_low_pass_takes_flicker_down_alike_inside_and_outside_the_window():
-    """At the bandwidth the amplitude is 1 / sqrt(2)."""
-    hz = 100.0
-    sensor = sensor_for(
-        frame(BRIGHTEST, (4, 5)),
-        origin=(3, 2),
-        flicker_hz=hz,
-        flicker_depth=0.4,
-        bandwidth_hz=hz,
-        threshold_on=0.02,
-        threshold_off=0.02,
-    )
-    events = film(sensor, [frame(BRIGHTEST, (4, 5))] * 300, 1e6)
-    settled = events[events["t"] >= 1e8]
-    inside = (settled["x"] >= 3) & (settled["x"] < 8) & (settled["y"] >= 2) & (settled["y"] < 6)
-    rates = [part.sum() / n for part, n in ((inside, 20), (~inside, PIXELS - 20))]
-    assert rates[0] == pytest.approx(rates[1], abs=4 * 0.5 * 40 / np.sqrt(20))
-    amplitude = np.log(1.4 / 0.6) / np.sqrt(2)
-    assert np.mean(rates) / 40 == pytest.approx(amplitude / 0.02 - 1, rel=0.05)
 
 
 def test_cutting_a_step_in_two_changes_nothing():

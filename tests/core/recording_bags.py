@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import sqlite3
 
 import numpy as np
@@ -106,3 +107,13 @@ def expect_error(path, message, **options):
         everything(path, **options)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def damaged_copies(content, number, seed, first, reaches=()):
+    """Yield copies of a file with 1, 5 or 50 bytes changed between byte `first` and the end, or one of `reaches`."""
+    rng = random.Random(seed)
+    for _ in range(number):
+        damaged = bytearray(content)
+        for _ in range(rng.choice((1, 5, 50))):
+            damaged[rng.randrange(first, rng.choice((*reaches, len(damaged))))] = rng.randrange(256)
+        yield bytes(damaged)

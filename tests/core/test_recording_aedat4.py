@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import struct
 from contextlib import suppress
 
@@ -12,7 +11,7 @@ import pytest
 from backports import zstd
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_bags import everything, expect_error, some_events
+from recording_bags import damaged_copies, everything, expect_error, some_events
 from recording_truth import recording
 
 from esfo_core.codecs.aedat4 import Aedat4Decoder
@@ -156,11 +155,8 @@ def test_gigantic_packets_take_no_memory(path, compression, monkeypatch):
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_no_damage_raises_anything_else(path, compression):
-    content, rng = container([(0, packet(part)) for part in parts()], compression), random.Random(11)
-    for _ in range(150):
-        damaged = bytearray(content)
-        for _ in range(rng.choice((1, 5, 50))):
-            damaged[rng.randrange(14, rng.choice((60, 600, len(damaged))))] = rng.randrange(256)
+    content = container([(0, packet(part)) for part in parts()], compression)
+    for damaged in damaged_copies(content, 150, seed=11, first=14, reaches=(60, 600)):
         path.write_bytes(damaged)
         with suppress(EsfoError):
             everything(path)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import random
 from contextlib import suppress
 
 import numpy as np
 import pytest
-from recording_bags import everything, expect_error, some_events
+from recording_bags import damaged_copies, everything, expect_error, some_events
 
 from esfo_core.errors import EsfoError
 from esfo_core.recordings import ReadingOptions, hdf5
@@ -124,14 +123,11 @@ def test_a_missing_filter_is_named(path):
 
 @pytest.mark.parametrize("write", [prophesee, dsec])
 def test_cut_and_damaged_files(path, write):
-    content, rng = write(path, scene(3000)).read_bytes(), random.Random(3)
+    content = write(path, scene(3000)).read_bytes()
     for size in (9, 100, len(content) // 2, len(content) - 1):
         path.write_bytes(content[:size])
         expect_error(path, "damaged or unreadable HDF5 file")
-    for _ in range(100):
-        damaged = bytearray(content)
-        for _ in range(rng.choice((1, 5, 50))):
-            damaged[rng.randrange(8, rng.choice((600, 3000, len(damaged))))] = rng.randrange(256)
+    for damaged in damaged_copies(content, 100, seed=3, first=8, reaches=(600, 3000)):
         path.write_bytes(damaged)
         with suppress(EsfoError):
             everything(path)

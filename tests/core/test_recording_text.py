@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from backports import zstd
-from recording_bags import everything, expect_error, some_events
+from recording_bags import damaged_copies, everything, expect_error, some_events
 from recording_truth import recording
 
 from esfo_core.errors import EsfoError, OptionError
@@ -133,11 +133,7 @@ def test_cut_files_give_their_whole_part(packed):
 
 def test_no_damage_raises_anything_else(packed):
     path, _ = packed
-    content, rng = path.read_bytes(), random.Random(7)
-    for _ in range(12):
-        damaged = bytearray(content)
-        for _ in range(rng.choice((1, 5, 50))):
-            damaged[rng.randrange(4, len(damaged))] = rng.randrange(256)
+    for damaged in damaged_copies(path.read_bytes(), 12, seed=7, first=4):
         path.write_bytes(damaged)
         with suppress(EsfoError):
             everything(path, options=SIZE)

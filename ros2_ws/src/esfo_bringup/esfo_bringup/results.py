@@ -6,14 +6,12 @@ from importlib import metadata
 from pathlib import Path
 from platform import python_version
 
-import numpy as np
-import trimesh
-
 from esfo_bringup import __version__
 from esfo_bringup.exposure import Exposure
 from esfo_bringup.offline import RunResult, Source
 from esfo_bringup.picture import draw_events
 from esfo_bringup.report import write_report
+from esfo_core.point_cloud import write_points
 
 _LIBRARIES = ("numpy", "numba", "hdbscan", "gtsam", "pycolmap")
 
@@ -35,8 +33,7 @@ def write_results(result: RunResult, source: Source, exposure: Exposure, folder:
     points = folder / "points.ply"
     points.unlink(missing_ok=True)
     if len(estimate.points):
-        cloud = trimesh.PointCloud(estimate.points.astype(np.float32))  # type: ignore[no-untyped-call]
-        cloud.export(points)  # type: ignore[no-untyped-call]
+        write_points(points, estimate.points)
     draw_events(result, source.camera, exposure, folder / "axis.png")
     write_report(result, source, folder)
 

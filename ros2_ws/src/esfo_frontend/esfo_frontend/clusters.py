@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 
 import numpy as np
-from hdbscan import HDBSCAN
 from numpy.typing import NDArray
 
 from esfo_core.events import EventArray, empty_events
@@ -139,13 +139,8 @@ def cluster(corners: EventArray, time_scale: float, options: ClusterOptions) -> 
 
 
 def _by_package(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.int32]:
-    model = HDBSCAN(
-        min_cluster_size=options.min_size,
-        cluster_selection_epsilon=options.epsilon,
-        approx_min_span_tree=False,
-        core_dist_n_jobs=1,
-    )
-    return np.asarray(model.fit_predict(points), np.int32)
+    # By name: the package takes a second to load, and the default needs none of it.
+    return np.asarray(import_module("esfo_frontend.hdbscan_package").labels(points, options))
 
 
 def _by_boruvka(points: NDArray[np.float64], options: ClusterOptions) -> NDArray[np.int32]:

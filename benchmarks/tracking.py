@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from tracking_truth import FittedTracks, fit_tracks, offset_to_corners, places
+from tracking_truth import offset_to_corners, places, poses_of
 
 from esfo_core.camera import Camera
 from esfo_core.events import EventArray
@@ -29,6 +29,7 @@ from esfo_core.simulation.handheld.scene import HandheldOptions, handheld_scene
 from esfo_core.simulation.landmarks import corner_vertices, visible
 from esfo_core.simulation.scene import Scene, SceneOptions, simulate
 from esfo_core.simulation.sensor.options import SensorOptions
+from esfo_core.track_evaluation import FittedTracks, fit_tracks
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions
@@ -160,7 +161,7 @@ def spinning(presets: dict[str, FrontendOptions]) -> None:
         least = 0
         for preset, values in presets.items():
             run = track(events, scene.camera, values)
-            fitted = fit_tracks(run.tracks, scene.camera, scene.motion)
+            fitted = fit_tracks(run.tracks, scene.camera, poses_of(scene.motion))
             good, age = fitted.good, np.sort(fitted.age[fitted.good])[::-1]
             least = least or len(age)
             seen, share = tracked_corners(scene, fitted, times)
@@ -202,7 +203,7 @@ def handheld(presets: dict[str, FrontendOptions], seconds: float) -> None:
         for method, (rmse, age) in printed.items():
             row(name, f"{method}, as printed", *(", ".join(map(str, values)) for values in (rmse, age)), "", "", "")
         for preset, values in presets.items():
-            fitted = fit_tracks(track(events, camera, values).tracks, camera, scene.trajectory)
+            fitted = fit_tracks(track(events, camera, values).tracks, camera, poses_of(scene.trajectory))
             inside = [(fitted.rms <= limit) & fitted.front for limit in (3, 5, 7)]
             off = ""
             if name == "shapes":

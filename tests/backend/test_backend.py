@@ -58,9 +58,21 @@ def test_reidentification_sharpens_the_rate():
 
 def test_colmap_is_used_where_it_serves():
     scene = tracks_of(spin(AXIS), points=150, noise_px=0.5)
-    estimate = backend_for(scene).solve()
+    backend = backend_for(scene, options=replace(BackendOptions(), {"start.method": "both"}))
+    estimate = backend.solve()
     assert estimate.initialisation == "colmap"
     assert abs(estimate.spin.rate_hz - 0.5) < 3 * estimate.rate_std_hz
+
+
+def test_colmap_is_asked_only_where_the_direct_start_leaves_a_doubt():
+    sure = backend_for(tracks_of(spin(AXIS), points=150, noise_px=0.5))
+    assert sure.solve().initialisation == "direct"
+    assert sure.last_start_note == "COLMAP was not needed"
+    # Half of the tracks follow no point and cost much at every axis.
+    doubtful = backend_for(tracks_of(spin(AXIS), points=60, noise_px=0.5, outliers=0.5))
+    doubtful.solve()
+    assert "COLMAP" in doubtful.last_start_note
+    assert "not needed" not in doubtful.last_start_note
 
 
 def test_paper_preset_runs_on_rich_tracks():

@@ -6,6 +6,8 @@ adjusted with the rate held. Mirrored and wrong-axis optima come out as further 
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +21,7 @@ from esfo_core.orbit import Matrix, Vector, angle_between
 
 _COARSE_ITERATIONS = 8
 _FINER_ITERATIONS = 15
-_FINAL_ITERATIONS = 50
+_FINAL_ITERATIONS = 20
 _SAME_OPTIMUM_DEG = 2.0
 
 
@@ -48,17 +50,18 @@ def mean_direction(obs: Observations) -> Vector:
 def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> DirectStart:
     """Search the axis with the rate held at `rate_hz`; the optima are finished with all points.
 
-    Raises BackendError when no start gives a finite cost.
+    Axes are tried on all processors; the result does not depend on how many there are. Raises BackendError when no
+    start gives a finite cost.
     """
     towards, sample = mean_direction(obs), longest_points(obs, options.search_tracks)
-    coarse: list[Adjusted] = []
-    for axis in directions(options.axes):
-        if angle_between(axis, towards) < 1 or angle_between(-axis, towards) < 1:
-            continue
+    axes = [a for a in directions(options.axes) if min(angle_between(a, towards), angle_between(-a, towards)) >= 1]
+
+    def tried(axis: Vector) -> Adjusted:
         motion = motion_from_axis(axis, towards, rate_hz)
-        y = linear_points(motion, sample)
-        coarse.append(adjust(motion, y, sample, options.cauchy_px, False, _COARSE_ITERATIONS))
-    coarse = sorted((c for c in coarse if np.isfinite(c.cost)), key=lambda c: c.cost)
+        return adjust(motion, linear_points(motion, sample), sample, options.cauchy_px, False, _COARSE_ITERATIONS)
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        coarse = sorted((c for c in pool.map(tried, axes) if np.isfinite(c.cost)), key=lambda c: c.cost)
     if not coarse:
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
     optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)

@@ -25,7 +25,11 @@ class SpinRateOptions:
 class StartOptions:
     """How the factor graph gets its first values."""
 
-    method: str = option("best", "start to use: the cheaper of both, or one", choices=("best", "colmap", "direct"))
+    method: str = option(
+        "best",
+        "start to use: direct, and the cheaper of both where that leaves a doubt (best); always both; or one",
+        choices=("best", "both", "colmap", "direct"),
+    )
     axes: int = option(24, "axes over the sphere from which the direct start searches", 4, 500)
     search_tracks: int = option(400, "tracks, the longest of all times, with which it searches", 10)
     cauchy_px: float = option(2.0, "scale of the robust loss in px during the start", 0.1, 100.0)

@@ -19,6 +19,8 @@ from esfo_core.orbit import Vector
 Labels = NDArray[np.int64]
 
 _MEDIAN_OF_CHI2_2 = 1.386
+ROUND_ITERATIONS = 12
+"""Of an adjustment between two rounds, which only has to be good to a fraction of the points' deviations."""
 
 
 def noise_px(errors: Vector) -> float:
@@ -125,5 +127,5 @@ def reidentify(
         label = merged
         grouped = obs.regroup(label)
         y = linear_points(solution.motion, grouped)
-        solution = adjust(solution.motion, y, grouped, cauchy_px, free_rate)
+        solution = adjust(solution.motion, y, grouped, cauchy_px, free_rate, ROUND_ITERATIONS)
     return solution, label

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
 from esfo_backend.adjust import Adjusted, adjust, linear_points
 from esfo_backend.colmap import ColmapStart, colmap_start
-from esfo_backend.direct import direct_start
+from esfo_backend.direct import DirectStart, direct_start
 from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions
 from esfo_backend.problem import Motion, Observations
@@ -19,6 +18,10 @@ StartName = Literal["colmap", "direct"]
 
 _TIE = 0.01
 """Relative cost below which two starts are the same optimum, reached to different depths."""
+
+_CERTAIN_RATIO = 2.0
+"""The direct start is certain when every other axis costs this many times as much: COLMAP could but find the same
+optimum once more. Tracks that follow no motion cost the same at every axis, so that many of them leave a doubt."""
 
 
 @dataclass(frozen=True)
@@ -40,32 +43,40 @@ def choose_start(
 ) -> Start:
     """Make the starts that the options ask for and take the one of lower robust cost; COLMAP's on a tie.
 
-    obs: one point per track. thorough: without it COLMAP runs only when it is the only start.
+    obs: one point per track. thorough: without it, `best` is the direct start. With it, `best` asks COLMAP as well
+    unless the direct start is certain.
     Raises BackendError when no start succeeds.
     """
-    if options.start.method == "direct" or (options.start.method == "best" and not thorough):
-        alone = direct_start(obs, rate_hz, options.start)
-        return Start(alone.best, "direct", alone.second, "COLMAP was not asked for")
-    model: ColmapStart | None = None
-    with ThreadPoolExecutor(1) as pool:  # neither needs the other, and both leave the interpreter free
-        mapping = pool.submit(colmap_start, tracks, camera, options.start)
-        direct = None if options.start.method == "colmap" else direct_start(obs, rate_hz, options.start)
+    method = options.start.method
+    direct = None if method == "colmap" else direct_start(obs, rate_hz, options.start)
+    if direct is not None:
+        if method == "direct" or (method == "best" and not thorough):
+            return _alone(direct, "COLMAP was not asked for")
+        if method == "best" and _certain(direct):
+            return _alone(direct, "COLMAP was not needed")
     second = direct.second if direct else None
+    model: ColmapStart | None = None
     try:
-        model = mapping.result()
+        model = colmap_start(tracks, camera, options.start)
         motion = _accepted(model, rate_hz, options)
     except BackendError as error:
         if direct is None:
             raise
-        return Start(direct.best, "direct", second, str(error), model)
+        return _alone(direct, str(error), model)
     free = options.rate.method == "fourier"
     refined = adjust(motion, linear_points(motion, obs), obs, options.start.cauchy_px, free)
     note = f"COLMAP registered {model.registered} of {model.views} views at {model.rms_px:.2f} px"
     if direct is None or refined.cost <= direct.best.cost * (1 + _TIE):
         return Start(refined, "colmap", second, note, model)
-    return Start(
-        direct.best, "direct", second, f"{note}, at {refined.cost / direct.best.cost:.2f} times the cost", model
-    )
+    return _alone(direct, f"{note}, at {refined.cost / direct.best.cost:.2f} times the cost", model)
+
+
+def _alone(direct: DirectStart, note: str, model: ColmapStart | None = None) -> Start:
+    return Start(direct.best, "direct", direct.second, note, model)
+
+
+def _certain(direct: DirectStart) -> bool:
+    return direct.second is None or direct.second.cost >= _CERTAIN_RATIO * direct.best.cost
 
 
 def _accepted(model: ColmapStart, rate_hz: float, options: BackendOptions) -> Motion:

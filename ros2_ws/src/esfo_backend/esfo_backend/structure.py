@@ -11,7 +11,7 @@ from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions
 from esfo_backend.problem import Observations
 from esfo_backend.projection import row_errors
-from esfo_backend.reidentify import Labels, point_rms, reidentify
+from esfo_backend.reidentify import ROUND_ITERATIONS, Labels, point_rms, reidentify
 from esfo_backend.start import Start
 
 _PRUNING_ROUNDS = 2
@@ -36,10 +36,11 @@ def build_structure(start: Start, obs: Observations, options: BackendOptions) ->
     if not options.reidentification.enabled:
         return Structure(obs, solution, label)
     solution, label = reidentify(solution, obs, label, options.reidentification, loose, False)
-    solution = adjust(solution.motion, solution.y, obs.regroup(label), loose)
+    solution = adjust(solution.motion, solution.y, obs.regroup(label), loose, iterations=ROUND_ITERATIONS)
     solution, label = reidentify(solution, obs, label, options.reidentification, loose, True)
     grouped = obs.regroup(label)
-    return Structure(grouped, adjust(solution.motion, solution.y, grouped, tight), label)
+    solution = adjust(solution.motion, solution.y, grouped, tight, iterations=ROUND_ITERATIONS)
+    return Structure(grouped, solution, label)
 
 
 def prune(structure: Structure, options: BackendOptions) -> Structure:

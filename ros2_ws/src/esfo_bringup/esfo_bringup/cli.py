@@ -6,13 +6,15 @@ import argparse
 import os
 import signal
 import sys
+from collections.abc import Sequence
+from importlib import import_module
 
 from esfo_bringup import __version__
-from esfo_bringup.commands import convert, evaluate, info, live, run, simulate
 from esfo_bringup.errors import error_line
 from esfo_core.errors import EsfoError
 
-_COMMANDS = (simulate, info, convert, run, live, evaluate)
+_COMMANDS = ("simulate", "info", "convert", "run", "live", "evaluate", "benchmark")
+"""Modules of `esfo_bringup.commands`; each declares itself by `add_to`."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -22,8 +24,8 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"esfo {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for command in _COMMANDS:
-        command.add_to(commands)
+    for name in _to_load(sys.argv[1:] if argv is None else argv):
+        import_module(f"esfo_bringup.commands.{name}").add_to(commands)
     args = parser.parse_args(argv)
     try:
         return int(args.execute(args))
@@ -36,6 +38,11 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("esfo: interrupted\n")
         return 130
+
+
+def _to_load(argv: Sequence[str]) -> Sequence[str]:
+    """Name the command asked for alone, because each imports much that the others do not need; all for the help."""
+    return argv[:1] if argv and argv[0] in _COMMANDS else _COMMANDS
 
 
 def console() -> None:

@@ -12,7 +12,7 @@ from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
 from esfo_frontend.clusters import Clusters
 from esfo_frontend.errors import FrontendError
-from esfo_frontend.options import FrontendOptions, check_options, nanoseconds
+from esfo_frontend.options import FrontendOptions, check_for_sensor, nanoseconds
 from esfo_frontend.pipelines import PIPELINES, Parts, Pipeline, Statistics, StreamStart
 
 
@@ -39,15 +39,38 @@ class Frontend:
     a window, with association by a slice of some milliseconds.
     """
 
-    def __init__(self, width: int, height: int, options: FrontendOptions = FrontendOptions()) -> None:  # noqa: B008
-        """Prepare for a sensor of width x height px. Raises OptionError for impossible options."""
-        check_options(options)
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        options: FrontendOptions = FrontendOptions(),  # noqa: B008
+        first_ids: tuple[int, int] = (0, 0),
+    ) -> None:
+        """Prepare for a sensor of width x height px; first_ids: of the first cluster and the first track.
+
+        Raises OptionError for options that are impossible, or for this sensor.
+        """
+        check_for_sensor(options, width, height)
         self._size, self._options = (int(width), int(height)), options
         self._stream: Pipeline | None = None
-        self._next_ids = (0, 0)
+        self._next_ids = first_ids
         self._last_t: int | None = None
         self._activity_origin = self._activity_end = 0
+        self._activity_options = options.activity
         self.statistics = Statistics()
+
+    @property
+    def next_ids(self) -> tuple[int, int]:
+        """Ids of the next cluster and of the next track."""
+        return self._next_ids if self._stream is None else self._stream.next_ids
+
+    def configure(self, options: FrontendOptions) -> None:
+        """Use other options from the next stream on, which `flush` begins.
+
+        Raises OptionError for options that are impossible, or for this sensor.
+        """
+        check_for_sensor(options, *self._size)
+        self._options = options
 
     def process(self, events: EventArray) -> FrontendOutput:
         """Take in events (N,), time-sorted and following earlier ones; return what they settle.
@@ -83,11 +106,12 @@ class Frontend:
         return output
 
     def _begin(self, t: int) -> Pipeline:
-        """Start a stream at `t` ns, with activity bins on the grid of the earlier stream unless time went back."""
-        if self._last_t is None or t < self._last_t:
-            self._activity_origin = activity_start = t
+        """Start a stream at `t` ns; bins of activity go on where they did unless time went back or they are others."""
+        activity = self._options.activity
+        if self._last_t is None or t < self._last_t or activity != self._activity_options:
+            self._activity_origin, self._activity_options, activity_start = t, activity, t
         else:
-            step = nanoseconds(self._options.activity.bin)
+            step = nanoseconds(activity.bin)
             activity_start = max(t - (t - self._activity_origin) % step, self._activity_end)
         start = StreamStart(self._size, t, activity_start, *self._next_ids)
         self._stream = PIPELINES[self._options.tracker](start, self._options, self.statistics)

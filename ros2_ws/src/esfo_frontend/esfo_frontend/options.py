@@ -151,6 +151,21 @@ def check_options(options: FrontendOptions) -> None:
         raise OptionError(f"corners.shortest_outer is {corners.shortest_outer}, above {corners.longest_outer}")
 
 
+def check_for_sensor(options: FrontendOptions, width: int, height: int) -> None:
+    """Raise OptionError as `check_options`, or for a length in the image that is longer than its longer side."""
+    check_options(options)
+    lengths = {
+        "activity.cell": options.activity.cell,
+        "association.gate": options.association.gate,
+        "association.spacing": options.association.spacing,
+        "association.coast": options.association.coast,
+        "association.step": options.association.step,
+    }
+    for name, length in lengths.items():
+        if length > max(width, height):
+            raise OptionError(f"{name} is {length} px, longer than the sensor of {width}x{height}")
+
+
 def nanoseconds(milliseconds: float) -> int:
     """Return a duration of the options as whole nanoseconds."""
     return round(milliseconds * MILLISECOND)

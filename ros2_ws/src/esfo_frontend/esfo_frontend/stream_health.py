@@ -1,0 +1,77 @@
+"""Counts of what a live stream brought, and what went wrong with it, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class LiveTotals:
+    """Counts since the start or the last reset.
+
+    packets taken in; lost: missing by their sequence numbers; unreadable: skipped; stale: skipped, because they were
+    repeated or overtaken by others. restarts: streams that ended because their time went back far; renumbered: times
+    that the sequence numbers began anew. events taken in; late: dropped, because they are older than events before
+    them. observations and activity_bins that came out. alive: ids of the tracks that have rows and did not end.
+    """
+
+    packets: int = 0
+    lost: int = 0
+    unreadable: int = 0
+    stale: int = 0
+    restarts: int = 0
+    renumbered: int = 0
+    events: int = 0
+    late: int = 0
+    observations: int = 0
+    activity_bins: int = 0
+    alive: set[int] = field(default_factory=set)
+
+
+@dataclass(frozen=True)
+class Health:
+    """State of the stream at one moment; two of them give what happened between.
+
+    As `LiveTotals` has them, and dropped: packets that the node let go because too many waited; clock_jumps: times
+    that the clocks of sensor and host came apart.
+    """
+
+    events: int
+    dropped: int
+    lost: int
+    unreadable: int
+    stale: int
+    restarts: int
+    renumbered: int
+    late: int
+    clock_jumps: int
+
+    @staticmethod
+    def of(totals: LiveTotals, dropped: int, clock_jumps: int) -> Health:
+        """Return the state that the totals have now."""
+        return Health(
+            events=totals.events,
+            dropped=dropped,
+            lost=totals.lost,
+            unreadable=totals.unreadable,
+            stale=totals.stale,
+            restarts=totals.restarts,
+            renumbered=totals.renumbered,
+            late=totals.late,
+            clock_jumps=clock_jumps,
+        )
+
+    def problems_since(self, earlier: Health, latest_error: str) -> dict[str, str]:
+        """Say what went wrong since `earlier`, one text for each kind."""
+        texts = {
+            "dropped": "packets dropped: the front-end does not keep up",
+            "lost": "packets lost on the way",
+            "unreadable": f"packets unreadable, the last: {latest_error}",
+            "stale": "packets repeated or overtaken by others, skipped",
+            "restarts": "streams ended, for the time of the events went back",
+            "renumbered": "times the packets were numbered anew: what was lost there is not known",
+            "late": "late events dropped",
+            "clock_jumps": "jumps between the clocks of sensor and host",
+        }
+        counts = {name: getattr(self, name) - getattr(earlier, name) for name in texts}
+        return {name: f"{counts[name]} {text}" for name, text in texts.items() if counts[name] > 0}

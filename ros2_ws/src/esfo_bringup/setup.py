@@ -20,6 +20,10 @@ setup(
     ],
     zip_safe=False,
     entry_points={
-        "console_scripts": ["esfo = esfo_bringup.cli:console", "replay_node = esfo_bringup.replay.node:main"]
+        "console_scripts": [
+            "esfo = esfo_bringup.cli:console",
+            "replay_node = esfo_bringup.replay.node:main",
+            "camera_info_node = esfo_bringup.camera_info.node:main",
+        ]
     },
 )

@@ -1,84 +1,133 @@
-"""Launch the front-end and the back-end, and on request a replay, RViz and a namespace around them.
+"""Launch the front-end and the back-end for a camera that is running, or for a recording that is replayed.
 
-ros2 launch esfo_bringup esfo.launch.py recording:=scene.mcap rviz:=true
-ros2 launch esfo_bringup esfo.launch.py events:=/event_camera/events camera_info:=/event_camera/camera_info
+ros2 launch esfo_bringup esfo.launch.py bag:=scene.mcap
+ros2 launch esfo_bringup esfo.launch.py camera:=cal.yaml events:=/event_camera/events camera_frame:=event_camera
 """
 
-from launch.actions import DeclareLaunchArgument, EmitEvent, GroupAction, RegisterEventHandler
-from launch.conditions import IfCondition
-from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
-from launch_ros.actions import Node, PushRosNamespace
+from pathlib import Path
+
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.utilities.type_utils import perform_typed_substitution
+from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
+from launch_ros.utilities import prefix_namespace
 
 from launch import LaunchDescription
 
+SHARE = FindPackageShare("esfo_bringup")
 ARGUMENTS = {
-    "namespace": ("", "namespace of all nodes"),
-    "preset": ("default", "option preset of both nodes: default or paper"),
+    "bag": ("", "recording to replay, of any format that `esfo info` reads; empty: a camera is running"),
+    "rate": ("1.0", "speed of the replay; 0: as fast as nothing is lost"),
+    "camera": ("", "calibration YAML to publish on camera_info; empty: that of the recording or of the driver"),
     "events": ("events", "topic of the event packets"),
     "camera_info": ("camera_info", "topic of the calibration"),
-    "recording": ("", "recording to replay; empty: a camera is running"),
-    "camera": ("", "calibration YAML for the replay; empty: the one in the recording"),
-    "rate": ("1.0", "speed of the replay; 0: as fast as nothing is lost"),
-    "params": (
-        PathJoinSubstitution([FindPackageShare("esfo_bringup"), "config", "esfo.yaml"]),
-        "parameter file for the nodes",
+    "events_reliability": (
+        "auto",
+        "QoS with which events are taken; auto: reliable from a replay, else as the nodes' parameters say",
+        ["auto", "best_effort", "reliable"],
     ),
+    "camera_frame": ("", "frame of the camera where its packets name none, and of RViz; empty: NAMESPACE/camera"),
+    "object_frame": ("", "frame of the object on /tf; empty: NAMESPACE/object"),
+    "namespace": ("", "namespace of all nodes; two pipelines at once need one each"),
+    "preset": ("default", "values of the options that params_file does not set", ["default", "paper"]),
+    "params_file": (PathJoinSubstitution([SHARE, "config", "esfo.yaml"]), "YAML file of the nodes' parameters"),
+    "autostart": ("true", "the nodes configure and activate themselves; false: a life cycle manager does"),
+    "use_sim_time": ("auto", "take the time from a clock topic, true or false; auto: true when a bag is replayed"),
+    "clock": ("", "topic of that clock; empty: NAMESPACE/clock when a bag is replayed, else /clock"),
+    "log_level": ("info", "least severity that the nodes log", ["debug", "info", "warn", "error", "fatal"]),
     "rviz": ("false", "open RViz"),
 }
 
 
 def generate_launch_description():
-    replays = PythonExpression(["'", LaunchConfiguration("recording"), "' != ''"])
-    topics = [(name, LaunchConfiguration(name)) for name in ("events", "camera_info")]
-    shared = {"preset": text("preset"), "use_sim_time": ParameterValue(replays, value_type=bool)}
-    shape = {"output": "screen", "remappings": topics}
-    params = ParameterFile(LaunchConfiguration("params"), allow_substs=True)
-    # A replay waits for its listeners and sends reliably; of a camera it is not known that it does.
-    reliability = PythonExpression(["'reliable' if '", LaunchConfiguration("recording"), "' else 'best_effort'"])
-    replayed = {
-        "wait_for_back_end": ParameterValue(replays, value_type=bool),
-        "events.reliability": ParameterValue(reliability, value_type=str),
-    }
-    frontend = Node(package="esfo_frontend", executable="frontend_node", parameters=[shared, replayed, params], **shape)
-    backend = Node(package="esfo_backend", executable="backend_node", parameters=[shared, params], **shape)
-    replay = Node(
-        package="esfo_bringup",
-        executable="replay_node",
-        parameters=[
-            {
-                "recording": text("recording"),
-                "camera": text("camera"),
-                "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
-            }
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=meaning, choices=choices[0] if choices else None)
+        for name, (default, meaning, *choices) in ARGUMENTS.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
+
+
+def nodes(context):
+    """Return the nodes for the arguments as they are given."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    bag, camera = expanded(given["bag"]), expanded(given["camera"])
+    camera_frame, object_frame = frames(context, given)
+    simulated = bool(bag) if given["use_sim_time"] == "auto" else flag(context, "use_sim_time")
+    time = {"use_sim_time": simulated}
+    shared = {"preset": given["preset"], "autostart": flag(context, "autostart"), **time}
+    params_file = ParameterFile(expanded(given["params_file"]), allow_substs=True)
+    frontend = {"camera_frame": camera_frame, "wait_for_back_end": bool(bag), **reliability(given, bag)}
+    shape = {
+        "namespace": given["namespace"],
+        "output": "screen",
+        "remappings": [
+            ("events", given["events"]),
+            ("camera_info", given["camera_info"]),
+            ("/clock", given["clock"] or ("clock" if bag else "/clock")),  # two replays have a time each
         ],
-        condition=IfCondition(replays),
+    }
+    logs = {"ros_arguments": ["--log-level", given["log_level"]]}
+    started = [
+        Node(
+            package=f"esfo_{side}",
+            executable=f"{side}_node",
+            parameters=[typed({**shared, **own}), params_file],
+            on_exit=Shutdown(reason=f"the {side} ended"),
+            **shape,
+            **logs,
+        )
+        for side, own in (("frontend", frontend), ("backend", {"object_frame": object_frame}))
+    ]
+    calibration = {"camera": camera, "frame_id": camera_frame}
+    if bag:
+        own = {"recording": bag, "rate": float(given["rate"]), **calibration}
+        started.append(source("replay_node", own, {**shape, **logs}))
+    elif camera:
+        started.append(source("camera_info_node", calibration, {**shape, **logs}))
+    if flag(context, "rviz"):
+        config = PathJoinSubstitution([SHARE, "rviz", "esfo.rviz"])
+        arguments = ["-d", config, "-f", camera_frame]
+        started.append(Node(package="rviz2", executable="rviz2", arguments=arguments, parameters=[time], **shape))
+    return started
+
+
+def source(executable, parameters, shape):
+    """Return a node that feeds the others; that it ends is well, unless by an error."""
+    return Node(
+        package="esfo_bringup",
+        executable=executable,
+        parameters=[typed(parameters)],
+        on_exit=lambda event, _: [Shutdown(reason=f"{executable} failed")] if event.returncode else None,
         **shape,
     )
-    rviz = Node(
-        package="rviz2",
-        executable="rviz2",
-        arguments=["-d", PathJoinSubstitution([FindPackageShare("esfo_bringup"), "rviz", "esfo.rviz"])],
-        parameters=[{"use_sim_time": ParameterValue(replays, value_type=bool)}],
-        condition=IfCondition(LaunchConfiguration("rviz")),
-    )
-    nodes = [frontend, backend, replay, rviz]
-    return LaunchDescription(
-        [
-            *(DeclareLaunchArgument(name, default_value=d, description=m) for name, (d, m) in ARGUMENTS.items()),
-            GroupAction([PushRosNamespace(LaunchConfiguration("namespace")), *nodes]),
-            # A node that failed leaves the others without purpose; a replay that ended does not.
-            *(
-                RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[EmitEvent(event=Shutdown())]))
-                for node in (frontend, backend)
-            ),
-        ]
-    )
 
 
-def text(name):
-    """Return an argument as a string, even where it looks like a number."""
-    return ParameterValue(LaunchConfiguration(name), value_type=str)
+def frames(context, given):
+    """Return the frames of the camera and of the object: /tf is one, so a namespace goes into their names."""
+    space = prefix_namespace(context.launch_configurations.get("ros_namespace"), given["namespace"])
+    prefix = f"{space.strip('/')}/".lstrip("/")
+    return given["camera_frame"] or f"{prefix}camera", given["object_frame"] or f"{prefix}object"
+
+
+def reliability(given, bag):
+    """Return the QoS parameter of the events: a replay sends reliably, of a camera it is not known that it does."""
+    chosen = given["events_reliability"]
+    if chosen == "auto":
+        return {"events.reliability": "reliable"} if bag else {}
+    return {"events.reliability": chosen}
+
+
+def expanded(name):
+    """Return a path with its ~ expanded, which no shell does after `:=`."""
+    return str(Path(name).expanduser()) if name else ""
+
+
+def flag(context, name):
+    return perform_typed_substitution(context, [LaunchConfiguration(name)], bool)
+
+
+def typed(parameters):
+    """Return parameters that keep their types: a path remains a string even where it looks like a number."""
+    return {name: ParameterValue(value, value_type=type(value)) for name, value in parameters.items()}

@@ -1,0 +1,1 @@
+"""The calibration of a camera whose driver does not publish one."""

@@ -1,0 +1,43 @@
+"""ROS node that publishes the calibration of a file, for cameras whose driver publishes none."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from esfo_bringup.camera_info.options import CameraInfoOptions
+from esfo_bringup.replay.messages import camera_info_message
+from esfo_core.camera import Camera
+from esfo_core.errors import OptionError
+from esfo_core.messages import Topic, latched
+from esfo_core.node import declare_fields, run
+
+CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
+
+
+class CameraInfoNode(Node):  # type: ignore[misc]
+    """Publishes once; the topic is latched."""
+
+    OUTPUTS = (CAMERA_INFO,)
+
+    def __init__(self) -> None:
+        super().__init__("camera_info")
+        options = declare_fields(self, CameraInfoOptions())
+        if not options.camera:
+            raise OptionError("parameter camera is not set")
+        camera = Camera.read_yaml(Path(options.camera))
+        self._publisher = self.create_publisher(CAMERA_INFO.kind, CAMERA_INFO.name, CAMERA_INFO.qos)
+        self._publisher.publish(camera_info_message(camera, options.frame_id))
+        self.get_logger().info(f"{options.camera}: {camera.width}x{camera.height} px, frame {options.frame_id}")
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(run(CameraInfoNode))
+
+
+if __name__ == "__main__":
+    main()

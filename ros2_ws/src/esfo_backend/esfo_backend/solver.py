@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from esfo_backend.projection import row_errors
 from esfo_backend.reidentify import point_rms
 from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
+from esfo_backend.stopwatch import Stopwatch
 from esfo_backend.structure import Structure, build_structure, prune, recurring_points
 from esfo_backend.verdict import Evidence, judge
 from esfo_core.activity import Activity
@@ -31,25 +31,6 @@ from esfo_core.camera import Camera
 from esfo_core.estimate import Alternative, OrbitEstimate
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks
-
-STAGES = ("spin_rate", "start", "reidentification", "graph")
-"""Names of the stages of an estimate, in their order."""
-
-
-@dataclass
-class Stopwatch:
-    """Times the stages of an estimate; on_stage is told the name of each as it begins."""
-
-    on_stage: Callable[[str], None]
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time what happens within the context."""
-        self.on_stage(name)
-        begin = time.perf_counter()
-        yield
-        self.seconds[name] = round(time.perf_counter() - begin, 3)
 
 
 @dataclass(frozen=True)

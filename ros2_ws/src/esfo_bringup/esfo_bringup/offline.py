@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from esfo_backend.backend import Backend
-from esfo_backend.solver import STAGES
+from esfo_backend.stopwatch import STAGES
 from esfo_bringup.progress import follow, next_stage, stage_bar
 from esfo_bringup.replay.player import check_size
 from esfo_bringup.settings import RunSettings
@@ -20,6 +22,14 @@ from esfo_core.recordings import ReadingOptions, Recording, open_recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.pipelines import Statistics
+
+if TYPE_CHECKING:
+    from esfo_backend.backend import Backend
+
+BACKEND = "esfo_backend.backend"
+"""Loaded when the first tracks are handed over, or before by who wants to save the time."""
+_MOST_WAITING = 500
+"""Chunks of a recording that may wait until the back-end is loaded."""
 
 Listener = Callable[[EventArray, FrontendOutput], None]
 """Gets the events of a run as they stream, with what they settle in the front-end."""
@@ -72,18 +82,29 @@ def run_offline(source: Source, settings: RunSettings, listen: Listener | None =
     """
     recording = source.recording
     frontend = Frontend(recording.width, recording.height, settings.frontend)
-    backend = Backend(source.camera, settings.backend)
+    ready: Callable[[], Backend] = cache(lambda: import_module(BACKEND).Backend(source.camera, settings.backend))
     tracks: list[Tracks] = []
+    waiting: list[FrontendOutput] = []
     begin = time.perf_counter()
     for output in _outputs(frontend, recording, listen):
-        backend.add(output.tracks, output.activity)
         tracks.append(output.tracks.observations)
+        waiting.append(output)
+        if len(waiting) == _MOST_WAITING:
+            _hand_over(waiting, ready())
     tracking_s = time.perf_counter() - begin
+    backend = ready()
+    _hand_over(waiting, backend)
     with stage_bar(len(STAGES)) as bar:
         backend.tell_stages(lambda name: next_stage(bar, name))
         estimate = with_source(backend.solve(), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
     return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)
+
+
+def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:
+    for output in waiting:
+        backend.add(output.tracks, output.activity)
+    waiting.clear()
 
 
 def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, Statistics]:

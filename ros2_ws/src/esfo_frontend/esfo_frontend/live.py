@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from esfo_core.clock_offset import ClockOffset
-from esfo_core.codecs import Decoder, decoder
+from esfo_core.codecs import MAX_STEP_BACK, Decoder, decoder
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray, empty_events
 from esfo_core.options import option
@@ -19,7 +19,10 @@ from esfo_frontend.options import FrontendOptions, check_for_sensor, check_optio
 from esfo_frontend.stream_health import Health, LiveTotals
 
 RESTART_NS = 1_000_000_000
-"""Time going back by more than this is a new stream (a bag that loops); by less, events that are late."""
+"""Time going back by more than this is a new stream (a bag that loops); by less, events that are late.
+
+Where the packets are numbered anew as well, `MAX_STEP_BACK` is enough.
+"""
 
 MAX_PIXELS = 2**24
 """Sensors have fewer pixels; a damaged packet may claim any number, for which there is no memory."""
@@ -114,8 +117,9 @@ class LiveFrontend:
             yield from self._prepare(form, turn)
             self.frame_id = packet.frame_id or self.camera_frame
             self.events = empty_events()
-            spent = 0
+            spent, most_late = 0, MAX_STEP_BACK if turn is Turn.RESTART else RESTART_NS
             for events in self._decode(packet):
+                yield from self._end_if_back(events, most_late)
                 yield from self._settle(events, packet, spent)
                 spent += int(events["t"][-1] - events["t"][0]) if len(events) else 0
         except EsfoError as error:
@@ -180,17 +184,19 @@ class LiveFrontend:
         self.totals.packets += 1
         return parts
 
+    def _end_if_back(self, events: EventArray, most_late: int) -> Iterator[FrontendOutput]:
+        """End the stream when the events (N,) are earlier than its latest by more than `most_late` ns."""
+        if self._running and len(events) and self.last_t - events["t"][0] > most_late:
+            yield from self.flush()
+            self._clock.reset()
+            self.totals.restarts += 1
+
     def _settle(self, events: EventArray, packet: Packet, spent: int) -> Iterator[FrontendOutput]:
         """Take in events (N,) of a packet, sorted, after those of `spent` ns that the packet had before them."""
         if not len(events):
             return
-        back = self.last_t - int(events["t"][0]) if self._running else 0
-        if back > RESTART_NS:
-            yield from self.flush()
-            self._clock.reset()
-            self.totals.restarts += 1
         self._follow_clock(events, packet, spent)
-        if 0 < back <= RESTART_NS:
+        if self._running:
             late = int(np.searchsorted(events["t"], self.last_t))
             self.totals.late += late
             events = events[late:]

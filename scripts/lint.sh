@@ -1,7 +1,11 @@
 #!/usr/bin/env bash
-# Style and types: ruff over everything, mypy over the packages.
+# Style and types: ruff over everything, mypy over the packages; then the files that only Docker and the CI read.
 cd "$(dirname "${BASH_SOURCE[0]}")/.." && source scripts/env.sh || exit 1
 set -euo pipefail
 ruff format --check .
 ruff check --no-cache .
 mypy ros2_ws/src/esfo_{core,frontend,backend,bringup}/esfo_*
+# Versions of apt packages cannot be pinned (DL3008): the ROS archive keeps only the newest.
+hadolint --ignore DL3008 docker/Dockerfile
+check-jsonschema --quiet --builtin-schema vendor.compose-spec docker/compose.yaml
+check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/ci.yaml

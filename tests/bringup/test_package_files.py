@@ -3,6 +3,7 @@
 import ast
 import importlib
 import re
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -85,3 +86,22 @@ def test_everything_shared_is_installed():
     folders = {path.name for path in BRINGUP.iterdir() if path.is_dir()}
     shared = ast.literal_eval(re.search(r"SHARED = (\(.*?\))", (BRINGUP / "setup.py").read_text())[1])
     assert {"launch", "config", "rviz", "foxglove"} == set(shared) <= folders
+
+
+def ros_imports(package):
+    """ROS packages and own packages that the modules of a package import."""
+    for path in (SOURCE / package / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                yield from (alias.name.partition(".")[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                yield node.module.partition(".")[0]
+
+
+@pytest.mark.parametrize("package", sorted(path.parent.name for path in SOURCE.glob("*/setup.py")))
+def test_package_xml_names_the_ros_packages_that_are_imported(package):
+    root = ET.parse(SOURCE / package / "package.xml").getroot()
+    declared = {element.text for element in root.iter("exec_depend")}
+    is_ros = re.compile(r"rclpy|rosidl_\w+|ament_\w+|esfo_\w+|\w+_(msgs|interfaces|srvs)")
+    used = {name for name in ros_imports(package) if is_ros.fullmatch(name)} - {package}
+    assert used <= declared, f"{package}/package.xml lacks {sorted(used - declared)}"

@@ -20,7 +20,7 @@ from esfo_core.codecs import decoder
 from esfo_core.errors import EsfoError, TracksError
 from esfo_core.estimate import Alternative, OrbitEstimate
 from esfo_core.events import make_events
-from esfo_core.node import from_stamp, to_stamp
+from esfo_core.messages import from_stamp, to_stamp
 from esfo_core.orbit import Spin, angle_between, rotation, tangent_basis
 from esfo_core.recordings.messages import camera_from_info
 from esfo_core.tracks import Tracks, TrackUpdate

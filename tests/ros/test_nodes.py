@@ -2,102 +2,30 @@
 
 import signal
 import subprocess
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("esfo_msgs.msg", reason="the messages are not built: make setup")
 
-import rclpy
 import spinning_squares
-from ament_index_python.packages import get_package_prefix
 from diagnostic_msgs.msg import DiagnosticArray
 from esfo_msgs import msg
 from geometry_msgs.msg import TwistWithCovarianceStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from graph import BACKEND, FRONTEND, REPLAY, executable
+from listener import LATCHED, PATIENCE_S
 from sensor_msgs.msg import Image, PointCloud2
-from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from esfo_backend.backend import Backend
 from esfo_backend.messages import estimate_from, update_from
 from esfo_core.camera import Camera
 from esfo_core.orbit import angle_between
-from esfo_core.recordings import open_recording, write_mcap
+from esfo_core.recordings import open_recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 
-PATIENCE_S = 180.0  # the first run of all compiles the kernels
-ANSWER_S = 20.0
-DURATION_S = 1.9
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPLAYED = ["-p", "use_sim_time:=true", "-p", "wait_for_back_end:=true", "-p", "events.reliability:=reliable"]
-
-
-def executable(package, name):
-    """Where `ros2 run` looks for it."""
-    return Path(get_package_prefix(package)) / "lib" / package / name
-
-
-FRONTEND = ("esfo_frontend", "frontend_node")
-BACKEND = ("esfo_backend", "backend_node")
-REPLAY = ("esfo_bringup", "replay_node")
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    path = tmp_path_factory.mktemp("recording") / "squares.mcap"
-    write_mcap(path, spinning_squares.events(DURATION_S), spinning_squares.CAMERA)
-    return path
-
-
-class Listener:
-    """A node that keeps every message of the topics it is told, the latest last."""
-
-    def __init__(self, domain):
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = rclpy.create_node("listener", context=self.context)
-        self.executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
-        self.executor.add_node(self.node)
-        self.got = {}
-
-    def listen(self, kind, topic, qos=10_000):
-        self.got[topic] = []
-        self.node.create_subscription(kind, topic, self.got[topic].append, qos)
-
-    def until(self, condition):
-        end = time.monotonic() + PATIENCE_S
-        while not condition():
-            assert time.monotonic() < end, {topic: len(messages) for topic, messages in self.got.items()}
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def call(self, service):
-        client = self.node.create_client(Trigger, service)
-        calls = []
-
-        def answered():
-            # A node that discovers the client's reader too late cannot send its answer: ask again.
-            if not calls or time.monotonic() > calls[-1][0] + ANSWER_S:
-                calls.append((time.monotonic(), client.call_async(Trigger.Request())))
-            return any(call.done() for _, call in calls)
-
-        self.until(client.service_is_ready)
-        self.until(answered)
-        answer = next(call.result() for _, call in calls if call.done())
-        assert answer.success
-        return dict(pair.split("=") for pair in answer.message.split())
-
-
-@pytest.fixture
-def listener(ros_domain):
-    it = Listener(ros_domain)
-    yield it
-    it.executor.shutdown()
-    it.node.destroy_node()
-    it.context.shutdown()
 
 
 def offline(path):

@@ -29,14 +29,15 @@ def node_with(ros_domain):
     context.shutdown()
 
 
-def test_every_option_is_a_parameter_with_meaning_and_range(node_with):
+@pytest.mark.parametrize("read_only", [True, False])
+def test_every_option_is_a_parameter_with_meaning_and_range(node_with, read_only):
     node = node_with()
-    assert declare_options(node, PRESETS) == PRESETS["default"]
+    assert declare_options(node, PRESETS, read_only) == PRESETS["default"]
     for leaf in fields_of(PRESETS["default"]):
         assert node.get_parameter(leaf.name).value == leaf.value
         descriptor = node.describe_parameter(leaf.name)
         assert descriptor.description == leaf.meaning
-        assert descriptor.read_only
+        assert descriptor.read_only == read_only
         for bounds in (descriptor.floating_point_range, descriptor.integer_range):
             assert not bounds or (bounds[0].from_value == leaf.low and bounds[0].to_value == leaf.high)
         assert len(descriptor.floating_point_range) + len(descriptor.integer_range) == (leaf.low is not None)

@@ -27,7 +27,7 @@ def worker_on():
 
     yield make
     for worker in started:
-        worker.close()
+        worker.stop()
 
 
 def test_items_are_done_in_order_and_a_request_after_them(worker_on):
@@ -95,7 +95,7 @@ def test_a_failure_ends_the_work_and_is_kept(worker_on):
     worker.put(0)
     assert failed.wait(PATIENCE_S)
     assert isinstance(worker.error, ZeroDivisionError)
-    worker.close()
+    worker.stop()
 
 
 def test_closing_forgets_what_waits(worker_on, gate):
@@ -112,5 +112,5 @@ def test_closing_forgets_what_waits(worker_on, gate):
     worker.put(1)
     entered.wait(PATIENCE_S)
     threading.Timer(0.2, gate.set).start()
-    worker.close()
+    worker.stop()
     assert done == [0]

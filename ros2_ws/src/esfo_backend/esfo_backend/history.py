@@ -59,6 +59,10 @@ class History:
         self._rows = self._bins = 0
         self._error: ActivityError | None = None
 
+    def limit(self, options: MemoryOptions) -> None:
+        """Keep to other bounds from the next `add` on."""
+        self._options = options
+
     @property
     def rows(self) -> int:
         """Number of rows of tracks that are kept."""

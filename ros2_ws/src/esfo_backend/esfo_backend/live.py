@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from esfo_backend.backend import Backend
+from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, EsfoError
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.options import option
+from esfo_core.result_files import write_result_files
 from esfo_core.tracks import Tracks, TrackUpdate
 
 RESTART_NS = 1_000_000_000
@@ -29,6 +32,8 @@ class LiveOptions:
 
     object_frame: str = option("object", "name of the object's frame")
     idle_solve_s: float = option(1.0, "wall time without news after which all is solved once more, s; 0: never", 0.0)
+    save_folder: str = option("~/.ros/esfo", "folder in which `~/save` makes one of the date and time")
+    resume: str = option("", "state.npz of an earlier `~/save` to go on from when the node is configured; empty: none")
 
 
 class LiveBackend:
@@ -45,6 +50,34 @@ class LiveBackend:
         self._backend: Backend | None = None
         self._waiting: deque[tuple[TrackUpdate, Activity | None]] = deque()
         self._activity_end: int | None = None
+        self._latest: OrbitEstimate | None = None
+
+    def configure(self, options: BackendOptions) -> None:
+        """Go on with other options and all that was received; the next estimate begins with a search."""
+        self._options = options
+        if self._backend is not None:
+            self._backend = self._backend.with_options(options)
+
+    def reset(self) -> None:
+        """Forget everything but the camera."""
+        self._waiting.clear()
+        self._activity_end = self._latest = None
+        self._backend = None if self.camera is None else Backend(self.camera, self._options)
+
+    def resume(self, path: Path) -> None:
+        """Go on from a saved state. Raises StateError for a file that is none, or of another version."""
+        self._backend = Backend.load(path, self._options)
+        self.camera = self._backend.camera
+
+    def save(self, folder: Path) -> None:
+        """Write the latest estimate, its tracks and the state to go on from into `folder`, which is made.
+
+        Raises EsfoError when there is no estimate yet or the files cannot be written.
+        """
+        if self._backend is None or self._latest is None:
+            raise BackendError("there is no estimate to save yet")
+        write_result_files(folder, self._latest, self._backend.tracks())
+        self._backend.save(folder / "state.npz")
 
     def set_camera(self, camera: Camera) -> None:
         """Begin anew with this camera, unless it is the same as before; what waited for a camera is taken in."""
@@ -63,8 +96,7 @@ class LiveBackend:
         """Take in activity. Raises CameraError when its grid is that of another sensor than the camera's."""
         if self._activity_end is not None and activity.t0 < self._activity_end - RESTART_NS:
             self.restarts += 1
-            self._waiting.clear()
-            self._backend = None if self.camera is None else Backend(self.camera, self._options)
+            self.reset()
         self._activity_end = activity.end
         self.activity_bins += len(activity.counts)
         self._check_grid(activity)
@@ -80,9 +112,10 @@ class LiveBackend:
         if backend is None:
             return OrbitEstimate.failure("no camera_info received", observations=self.observations)
         try:
-            return backend.solve(thorough)
+            self._latest = backend.solve(thorough)
         except EsfoError as error:
-            return OrbitEstimate.failure(str(error), observations=self.observations)
+            self._latest = OrbitEstimate.failure(str(error), observations=self.observations)
+        return self._latest
 
     def _add(self, update: TrackUpdate, activity: Activity | None) -> None:
         if self._backend is not None:

@@ -9,78 +9,119 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Generic, TypeVar
 
+from esfo_core.errors import EsfoError
+
 T = TypeVar("T")
 
-POLL_S = 0.02
 QUIET_S = 0.2
 """Time without a new item after which a request is served: what was sent before it has arrived by then."""
+
+Request = tuple[Callable[[], str], Future[str]]
+
+
+class StoppedError(EsfoError):
+    """A request was not served, because the worker was stopped."""
 
 
 class Worker(Generic[T]):
     """Works on items one after the other. When more than `capacity` wait, the oldest is dropped and counted.
 
-    dropped: items dropped so far. error: what ended the work, None while all is well.
+    capacity: may be changed at any time. dropped: items dropped so far. error: what ended the work, None while all is
+    well. It sleeps while there is nothing to do. It can be started again after it was stopped.
     """
 
     def __init__(self, work: Callable[[T], None], capacity: int, on_error: Callable[[], None] = lambda: None) -> None:
         """Prepare to call `work` for each item, and `on_error` once, in the thread, when anything raises."""
+        self.capacity = capacity
         self.dropped = 0
         self.error: BaseException | None = None
-        self._work, self._capacity, self._on_error = work, capacity, on_error
+        self._work, self._on_error = work, on_error
         self._items: deque[tuple[float, T]] = deque()
-        self._requests: deque[tuple[Callable[[], str], Future[str]]] = deque()
+        self._requests: deque[Request] = deque()
+        self._urgent: deque[Request] = deque()
         self._idle: Callable[[], object] = lambda: None
         self._idle_s = 0.0
         self._idle_due = False
         self._latest = time.monotonic()
         self._changed = threading.Condition()
-        self._closed = False
-        self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
+        self._closed = True
+        self._thread: threading.Thread | None = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it takes items."""
+        return not self._closed
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread; after `stop`, start it again."""
+        self.stop()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="worker", daemon=True)
         self._thread.start()
+
+    def stop(self, timeout: float | None = None) -> None:
+        """End the thread after its current item and wait for it; what still waits is dropped and counted."""
+        with self._changed:
+            self._closed = True
+            self.dropped += len(self._items)
+            self._items.clear()
+            requests = [*self._urgent, *self._requests]
+            self._urgent.clear()
+            self._requests.clear()
+            self._idle_due = False
+            self._changed.notify()
+        for _, future in requests:
+            future.set_exception(StoppedError("the node was deactivated"))
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(timeout)
 
     def when_idle(self, seconds: float, job: Callable[[], object]) -> None:
         """Do `job` once whenever `seconds` of wall time have passed after an item and none followed; 0 is never."""
         self._idle_s, self._idle = seconds, job
 
     def put(self, item: T) -> None:
-        """Add an item; never waits."""
+        """Add an item; never waits. While stopped, it is dropped and counted."""
         with self._changed:
+            if self._closed:
+                self.dropped += 1
+                return
             self._latest = time.monotonic()
             self._idle_due = True
-            if len(self._items) >= self._capacity:
+            while len(self._items) >= self.capacity:
                 self._items.popleft()
                 self.dropped += 1
             self._items.append((self._latest, item))
             self._changed.notify()
 
-    def request(self, job: Callable[[], str]) -> Future[str]:
-        """Do `job` in the thread when all items are done and none has come for `QUIET_S`; return its future answer."""
+    def request(self, job: Callable[[], str], after_quiet: bool = True) -> Future[str]:
+        """Do `job` in the thread and return its future answer.
+
+        after_quiet: when all items are done and none has come for `QUIET_S`; otherwise before the next item. While the
+        worker is stopped, nothing can be under way and it is done at once, in the thread of the caller. An EsfoError of
+        the job, and a stop before it, is the exception of the future.
+        """
         future: Future[str] = Future()
         with self._changed:
-            self._requests.append((job, future))
+            if not self._closed:
+                (self._requests if after_quiet else self._urgent).append((job, future))
+                self._changed.notify()
+                return future
+        _answer(job, future)
         return future
 
     def touch(self) -> None:
         """Note that something arrived that needs no work: it puts off requests and idle jobs like an item."""
         self._latest = time.monotonic()
-        self._idle_due = True
+        if not self._idle_due:
+            with self._changed:
+                self._idle_due = True
+                self._changed.notify()
 
     @property
     def age(self) -> float:
         """Seconds that the oldest item has been waiting."""
         with self._changed:
             return time.monotonic() - self._items[0][0] if self._items else 0.0
-
-    def close(self, timeout: float = 10.0) -> None:
-        """End the thread after its current item, forget the others, and wait for it up to `timeout` seconds."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
-        if self._thread.is_alive():
-            self._thread.join(timeout)
 
     def _run(self) -> None:
         try:
@@ -92,18 +133,35 @@ class Worker(Generic[T]):
 
     def _step(self) -> None:
         with self._changed:
-            if not self._items:
-                self._changed.wait(POLL_S)
-            item = self._items.popleft() if self._items else None
-        if item is not None:
+            if not self._items and not self._urgent and not self._closed:
+                self._changed.wait(self._until_due())
+            urgent = self._urgent.popleft() if self._urgent else None
+            item = self._items.popleft() if self._items and urgent is None else None
+        if urgent is not None:
+            _answer(*urgent)
+        elif item is not None:
             self._work(item[1])
-        else:
+        elif not self._closed:
             self._when_quiet(time.monotonic() - self._latest)
+
+    def _until_due(self) -> float | None:
+        """Seconds until there is something to do even though no item comes; None for never."""
+        quiet = time.monotonic() - self._latest
+        waits = [QUIET_S - quiet] if self._requests else []
+        if self._idle_due and self._idle_s > 0:
+            waits.append(self._idle_s - quiet)
+        return max(min(waits), 0.0) if waits else None
 
     def _when_quiet(self, quiet: float) -> None:
         if self._requests and quiet >= QUIET_S:
-            job, future = self._requests.popleft()
-            future.set_result(job())
+            _answer(*self._requests.popleft())
         elif self._idle_due and 0 < self._idle_s <= quiet:
             self._idle_due = False
             self._idle()
+
+
+def _answer(job: Callable[[], str], future: Future[str]) -> None:
+    try:
+        future.set_result(job())
+    except EsfoError as error:
+        future.set_exception(error)

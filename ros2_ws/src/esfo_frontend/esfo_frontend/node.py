@@ -2,72 +2,120 @@
 
 from __future__ import annotations
 
+import importlib
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
+from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from esfo_msgs.msg import CornerClusters, EventActivity, FeatureTracks, OrbitEstimate
 from event_camera_msgs.msg import EventPacket
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
-from std_srvs.srv import Trigger
 
 from esfo_core.camera import Camera
-from esfo_core.errors import CameraError
-from esfo_core.node import declare_fields, declare_options, diagnostics, run, start_worker, trigger
+from esfo_core.errors import CameraError, RecordingError
+from esfo_core.lifecycle.node import DIAGNOSE_S, ManagedNode
+from esfo_core.messages import Service, Topic, best_effort, latched, reliable
+from esfo_core.node import run
 from esfo_core.orbit import Spin
+from esfo_core.packets import SUPPORTED, packet_from_cdr, sequence_of
 from esfo_core.recordings.messages import camera_from_info
+from esfo_core.worker import Worker
 from esfo_frontend import messages
 from esfo_frontend.frontend import FrontendOutput
-from esfo_frontend.live import LiveFrontend, LiveOptions
-from esfo_frontend.options import PRESETS
+from esfo_frontend.live import LiveFrontend, LiveOptions, SubscriptionOptions
+from esfo_frontend.options import PRESETS, FrontendOptions, check_for_sensor, check_options
 from esfo_frontend.overlay import Overlay, screw_line
 from esfo_frontend.warm_up import warm_up
 
-RELIABLE = QoSProfile(depth=100)
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+CONNECT_S, FOLLOW_S, DRAW_S = 0.05, 1.0, 0.2
+
+EVENTS = Topic("events", EventPacket, best_effort(1000), "packets or arrays of events; px, sensor time")
+CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
+ORBIT = Topic("orbit", OrbitEstimate, latched(), "motion, drawn into the overlay")
+CLUSTERS = Topic("corner_clusters", CornerClusters, reliable(100), "corners in px and ns of sensor time, cluster ids")
+TRACKS = Topic("feature_tracks", FeatureTracks, reliable(100), "rows of tracks: id, sensor time in ns, px")
+ACTIVITY = Topic("event_activity", EventActivity, reliable(100), "event counts by time bin, polarity and cell")
+OVERLAY = Topic("overlay", Image, reliable(1), "rgb8: events, tracks, screw line; only while somebody subscribes")
 
 
-class FrontendNode(Node):  # type: ignore[misc]
+class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
     """Callbacks queue packets; one worker thread decodes, tracks and publishes."""
 
+    INPUTS = (EVENTS, CAMERA_INFO, ORBIT)
+    OUTPUTS = (CLUSTERS, TRACKS, ACTIVITY, OVERLAY)
+    SERVICES = (
+        Service(
+            "~/flush",
+            "works off all queued packets, ends every track, publishes; answers `packets=.. observations=.. "
+            "activity_bins=..`",
+            after_quiet=True,
+        ),
+        Service("~/reset", "forgets the stream and its tracks", after_quiet=False),
+    )
+
     def __init__(self) -> None:
-        super().__init__("frontend")
-        options, live = declare_options(self, PRESETS), declare_fields(self, LiveOptions())
+        self._stream = LiveFrontend(PRESETS["default"])
+        self._overlay: Overlay | None = None
+        super().__init__("frontend", PRESETS, LiveOptions())
+
+    def check(self, options: FrontendOptions) -> None:
+        """Raise OptionError for options that contradict each other, or the sensor whose events come."""
+        check_options(options)
+        if self._stream.size != (0, 0):
+            check_for_sensor(options, *self._stream.size)
+
+    def configure(self) -> Worker[Any]:
+        """Compile all kernels and make the front-end."""
         self.get_logger().info("compiling")
-        warm_up(options)
-        self._live = LiveFrontend(options)
-        self._frame_id = ""
+        warm_up(self.options)
+        self._stream = LiveFrontend(self.options, self.live.camera_frame)
+        self._kind: str | None = None
+        self._asked: SubscriptionOptions | None = None
         self._spin: Spin | None = None
         self._camera: Camera | None = None
-        self._overlay: Overlay | None = None
-        self._health = self._live.health(dropped=0)
-        self._clusters = self.create_publisher(CornerClusters, "corner_clusters", RELIABLE)
-        self._tracks = self.create_publisher(FeatureTracks, "feature_tracks", RELIABLE)
-        self._activity = self.create_publisher(EventActivity, "event_activity", RELIABLE)
-        self._image = self.create_publisher(Image, "overlay", 1)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.worker = start_worker(self, self._process, live.queue)
-        self.worker.when_idle(live.idle_flush_s, self._flush)
-        self.create_service(Trigger, "~/flush", trigger(self, partial(self.worker.request, self._flush)))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(0.2, self._draw, clock=steady)
-        self.create_timer(1.0, self._diagnose, clock=steady)
-        self.create_subscription(OrbitEstimate, "orbit", self._on_orbit, LATCHED)
-        self.create_subscription(CameraInfo, "camera_info", self._on_camera, LATCHED)
-        self._connecting = self.create_timer(0.05, partial(self._connect, live), clock=steady)
+        self._complaint = ""
+        self._earlier = self._stream.health(dropped=0)
+        self._new_events = 0
+        worker = self.start_worker(self._process, self.live.queue)
+        worker.when_idle(self.live.idle_flush_s, self._flush)
+        return worker
 
-    def _connect(self, live: LiveOptions) -> None:
+    def activate(self) -> None:
+        """Take events, once the back-end is there if it has to be."""
+        self._kind = None
+        self._stream.resume()
+        self.tick(DRAW_S, self._draw)
+        self.subscribe(ORBIT, self._on_orbit)
+        self.subscribe(CAMERA_INFO, self._on_camera)
+        self._connecting = self.tick(CONNECT_S, self._connect)
+
+    def clean_up(self) -> None:
+        """Forget the stream."""
+        self._stream = LiveFrontend(self.options)
+        self._spin = self._camera = self._overlay = None
+
+    def reconfigure(self) -> None:
+        """Track with other options from the next packet on."""
+        self._stream.configure(self.options)
+        self._stream.camera_frame = self.live.camera_frame
+        if self.worker is not None:
+            self.worker.capacity = self.live.queue
+            self.worker.when_idle(self.live.idle_flush_s, self._flush)
+
+    def jobs(self) -> dict[str, Callable[[], str]]:
+        """Return what the services do."""
+        return {"~/flush": self._flush, "~/reset": self._reset}
+
+    def _connect(self) -> None:
         """Take events, once the back-end is there if it has to be: whoever sends them sees that all is ready."""
-        if live.wait_for_back_end and not self._back_end_listens(live.min_listeners):
+        if self.live.wait_for_back_end and not self._back_end_listens(self.live.min_listeners):
             return
         self._connecting.cancel()
-        reliability = ReliabilityPolicy[live.events.reliability.upper()]
-        qos = QoSProfile(depth=live.events.depth, reliability=reliability)
-        self.create_subscription(EventPacket, "events", self._on_packet, qos)
+        self._follow_publisher()
+        self.tick(FOLLOW_S, self._follow_publisher)
         self.get_logger().info("ready")
 
     def _back_end_listens(self, least: int) -> bool:
@@ -75,18 +123,45 @@ class FrontendNode(Node):  # type: ignore[misc]
 
         least: listeners that there must be; one whose announcement got lost is not known for some seconds.
         """
-        orbit = self.get_publishers_info_by_topic(self.resolve_topic_name("orbit"))
+        orbit = self.get_publishers_info_by_topic(self.resolve_topic_name(ORBIT.name))
         back_ends = {(info.node_namespace, info.node_name) for info in orbit}
-        for publisher in (self._tracks, self._activity):
-            known = self.get_subscriptions_info_by_topic(publisher.topic_name)
+        for topic in (TRACKS, ACTIVITY):
+            known = self.get_subscriptions_info_by_topic(self.resolve_topic_name(topic.name))
             listeners = {(info.node_namespace, info.node_name) for info in known}
-            if not back_ends & listeners or publisher.get_subscription_count() < max(least, len(known)):
+            if not back_ends & listeners or self.listeners(topic.name) < max(least, len(known)):
                 return False
         return True
 
-    def _on_packet(self, message: EventPacket) -> None:
-        self._live.arrived(message.seq)
-        self.worker.put(message)
+    def _follow_publisher(self) -> None:
+        """Subscribe to the type of message that is published, with the quality of service that is asked for."""
+        known = self.get_publishers_info_by_topic(self.resolve_topic_name(EVENTS.name))
+        published = {info.topic_type for info in known}
+        offered = [name for name in SUPPORTED if name in published]
+        kind = self._kind if self._kind in offered or not offered else offered[0]
+        self._complaint = ""
+        if published and not offered:
+            self._complaint = f"events are {', '.join(sorted(published))}; known: {', '.join(SUPPORTED)}"
+        wanted = (kind or SUPPORTED[0], self.live.events)
+        if wanted == (self._kind, self._asked):
+            return
+        try:
+            message_type = _import(wanted[0])
+        except ImportError:
+            self._complaint = f"events are {wanted[0]}, of which the package is not installed here"
+            return
+        self._kind, self._asked = wanted
+        reliability = ReliabilityPolicy[self._asked.reliability.upper()]
+        qos = QoSProfile(depth=self._asked.depth, reliability=reliability)
+        self.subscribe(Topic(EVENTS.name, message_type, qos, ""), partial(self._on_packet, self._kind), qos, raw=True)
+
+    def remedy(self, topic: str) -> str:
+        """Say which parameter changes what this node asks of the publishers of one of `INPUTS`."""
+        return "set events.reliability:=best_effort" if topic == EVENTS.name else super().remedy(topic)
+
+    def _on_packet(self, kind: str, data: bytes) -> None:
+        self._stream.arrived(sequence_of(kind, data))
+        if self.worker is not None:
+            self.worker.put((kind, data))
 
     def _on_orbit(self, message: OrbitEstimate) -> None:
         self._spin = messages.spin_from(message)
@@ -97,60 +172,73 @@ class FrontendNode(Node):  # type: ignore[misc]
         except CameraError as error:
             self.get_logger().error(f"camera_info: {error}")
 
-    def _process(self, message: EventPacket) -> None:
-        self._frame_id = message.header.frame_id
-        for output in self._live.process(messages.packet_from(message)):
+    def _process(self, packet: tuple[str, bytes]) -> None:
+        try:
+            read = packet_from_cdr(*packet)
+        except RecordingError as error:
+            self._stream.refuse(str(error))
+            return
+        for output in self._stream.process(read):
             self._publish(output)
-        if self._overlay is not None and self._overlay.size == self._live.size:
-            self._overlay.add(self._live.events)
+        if self._overlay is not None and self._overlay.size == self._stream.size:
+            self._overlay.add(self._stream.events)
 
     def _flush(self) -> str:
-        for output in self._live.flush():
+        for output in self._stream.flush():
             self._publish(output)
-        totals = self._live.totals
+        totals = self._stream.totals
         return f"packets={totals.packets} observations={totals.observations} activity_bins={totals.activity_bins}"
 
+    def _reset(self) -> str:
+        self._stream.reset()
+        return "the stream is forgotten"
+
     def _publish(self, output: FrontendOutput) -> None:
-        offset, frame_id, rows = self._live.offset, self._frame_id, output.tracks.observations
-        if len(output.clusters):
-            header = messages.header_at(int(output.clusters.t.max()) + offset, frame_id)
-            self._clusters.publish(messages.clusters_message(output.clusters, header))
-        if len(rows) or len(output.tracks.ended):
-            header = messages.header_at((int(rows.t.max()) if len(rows) else self._live.last_t) + offset, frame_id)
-            self._tracks.publish(messages.tracks_message(output.tracks, header))
-        if output.activity is not None:
-            for message in messages.activity_messages(output.activity, offset, frame_id):
-                self._activity.publish(message)
+        stream = self._stream
+        for topic, message in messages.output_messages(output, stream.last_t, stream.offset, stream.frame_id):
+            self.publish(topic, message)
+        if self._overlay is not None:
+            self._overlay.add_tracks(output.tracks.observations)
 
     def _draw(self) -> None:
         """Publish what gathered since the last time; gather only while somebody looks."""
         overlay = self._overlay
-        wanted = self._image.get_subscription_count() > 0 and self._live.size != (0, 0)
-        self._overlay = Overlay(*self._live.size) if wanted else None
+        wanted = self.listeners(OVERLAY.name) > 0 and self._stream.size != (0, 0)
+        self._overlay = Overlay(*self._stream.size, before=overlay) if wanted else None
         if wanted and overlay is not None and overlay.events:
             picture = overlay.picture(screw_line(self._spin, self._camera))
-            header = messages.header_at(self._live.last_t + self._live.offset, self._frame_id)
-            self._image.publish(messages.image_message(picture, header))
+            header = messages.header_at(self._stream.last_t + self._stream.offset, self._stream.frame_id)
+            self.publish(OVERLAY.name, messages.image_message(picture, header))
 
-    def _diagnose(self) -> None:
-        before, self._health = self._health, self._live.health(self.worker.dropped)
-        problem = self._health.problems_since(before, self._live.problem)
-        if problem:
-            self.get_logger().warning(problem)
-        values = {
-            "Mev/s in": (self._health.events - before.events) / 1e6,
-            "packets": self._live.totals.packets,
-            "observations": self._live.totals.observations,
-            "tracks alive": len(self._live.totals.alive),
-            "image speed px/s": round(self._live.image_speed, 1),
-            "queue age s": round(self.worker.age, 3),
-        }
-        self._diagnostics.publish(diagnostics(self, problem, values | asdict(self._health)))
+    def problems(self) -> dict[str, str]:
+        """Say what was lost or unreadable since the last time, and what is wrong with the topic."""
+        before, self._earlier = self._earlier, self._stream.health(self.worker.dropped if self.worker else 0)
+        self._new_events = self._earlier.events - before.events
+        found = {"events": self._complaint} if self._complaint else {}
+        return found | self._earlier.problems_since(before, self._stream.problem)
+
+    def values(self) -> dict[str, object]:
+        """Return counts of the stream and how far behind the work is."""
+        stream, health = self._stream, self._earlier
+        return {
+            "Mev/s in": self._new_events / DIAGNOSE_S / 1e6,
+            "packets": stream.totals.packets,
+            "observations": stream.totals.observations,
+            "tracks alive": len(stream.totals.alive),
+            "image speed px/s": round(stream.image_speed, 1),
+            "queue age s": round(self.worker.age, 3) if self.worker else 0.0,
+        } | asdict(health)
+
+
+def _import(kind: str) -> Any:
+    """Return the class of a message type `package/msg/Name`. Raises ImportError where it is not installed."""
+    package, _, name = kind.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
 def main() -> None:
     """Run the node."""
-    sys.exit(run(FrontendNode))
+    sys.exit(run(FrontendNode, FrontendNode.spin))
 
 
 if __name__ == "__main__":

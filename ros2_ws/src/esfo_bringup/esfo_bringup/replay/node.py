@@ -12,7 +12,6 @@ from event_camera_msgs.msg import EventPacket
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo
 from tqdm import tqdm
@@ -21,8 +20,14 @@ from esfo_bringup.replay.messages import acknowledged_until, camera_info_message
 from esfo_bringup.replay.player import Pace, ReplayError, ReplayOptions, choose_camera, packets
 from esfo_core.errors import OptionError
 from esfo_core.events import EventArray
+from esfo_core.messages import Topic, latched, reliable
 from esfo_core.node import declare_fields, run
 from esfo_core.recordings import open_recording
+
+EVENTS = Topic("events", EventPacket, reliable(1000), "encoding `mono`; packets of 2 ms; sensor time is host time")
+CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
+CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms of it")
+ACTIVITY = Topic("event_activity", EventActivity, reliable(1000), "with rate 0: how far the front-end has come")
 
 CLOCK_NS = 10_000_000
 MATCHING_S = 0.3
@@ -31,6 +36,9 @@ MATCHING_S = 0.3
 
 class ReplayNode(Node):  # type: ignore[misc]
     """Publishes a recording; its stamps and /clock are the sensor times of the recording."""
+
+    INPUTS = (ACTIVITY,)
+    OUTPUTS = (EVENTS, CAMERA_INFO, CLOCK)
 
     def __init__(self) -> None:
         super().__init__("replay")
@@ -44,12 +52,11 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._pace = self._new_pace(self._options.rate)
         self._seq = self._sent_events = 0
         self._ticked: int | None = None
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._events = self.create_publisher(EventPacket, "events", QoSProfile(depth=1000))
-        self._camera_info = self.create_publisher(CameraInfo, "camera_info", latched)
-        self._time = self.create_publisher(Clock, "/clock", 10)
+        self._events, self._camera_info, self._time = (
+            self.create_publisher(topic.kind, topic.name, topic.qos) for topic in self.OUTPUTS
+        )
         if self._options.rate == 0:
-            self.create_subscription(EventActivity, "event_activity", self._on_activity, 1000)
+            self.create_subscription(ACTIVITY.kind, ACTIVITY.name, self._on_activity, ACTIVITY.qos)
         if camera is None:
             self.get_logger().warning("the recording has no calibration: no camera_info")
         else:

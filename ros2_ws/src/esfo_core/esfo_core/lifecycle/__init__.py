@@ -1,0 +1,1 @@
+"""Nodes with the life cycle of ROS 2."""

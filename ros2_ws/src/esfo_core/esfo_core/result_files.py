@@ -1,0 +1,37 @@
+"""The files of a result: orbit.json, points.ply and tracks.csv, the same from a command and from a node."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+from platform import python_version
+
+from esfo_core import __version__
+from esfo_core.errors import EsfoError
+from esfo_core.estimate import OrbitEstimate
+from esfo_core.point_cloud import write_points
+from esfo_core.tracks import Tracks
+
+_LIBRARIES = ("numpy", "numba", "hdbscan", "gtsam", "pycolmap")
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that may change a number in the result."""
+    return {"esfo": __version__, "python": python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
+
+
+def write_result_files(folder: Path, estimate: OrbitEstimate, tracks: Tracks) -> None:
+    """Write all files into `folder`, which is made; points.ply only where there are points.
+
+    Raises EsfoError when that cannot be done.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        estimate.write_json(folder / "orbit.json", versions())
+        tracks.write_csv(folder / "tracks.csv")
+        points = folder / "points.ply"
+        points.unlink(missing_ok=True)
+        if len(estimate.points):
+            write_points(points, estimate.points)
+    except OSError as error:
+        raise EsfoError(f"{error.filename or folder}: {error.strerror}") from error

@@ -17,7 +17,8 @@ from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
 
-SOURCE = Path(__file__).parents[2] / "ros2_ws/src"
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "ros2_ws/src"
 BRINGUP = SOURCE / "esfo_bringup"
 LAUNCH_FILE = BRINGUP / "launch/esfo.launch.py"
 NODES = {
@@ -68,6 +69,21 @@ def test_every_parameter_of_the_launch_file_exists():
     parameters = found - {"namespace", "output", "remappings", "ros_arguments"}
     assert len(parameters) >= 9
     assert parameters <= names(*NODES["frontend"], *NODES["backend"], *OTHERS) | OF_ALL_NODES
+
+
+def launch_arguments():
+    tree = ast.parse(LAUNCH_FILE.read_text())
+    (table,) = (n.value for n in tree.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS")
+    return {key.value for key in table.keys}
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/ros.md", "docker/compose.yaml", LAUNCH_FILE])
+def test_launch_lines_of_the_documents_use_arguments_that_exist(name):
+    text = (ROOT / name).read_text().replace("launch.py\n", "launch.py ")
+    lines = [line for line in text.splitlines() if "esfo.launch.py" in line]
+    used = {word for line in lines for word in re.findall(r"(\w+):=", line.partition("esfo.launch.py")[2])}
+    assert used
+    assert used <= launch_arguments()
 
 
 def test_the_example_of_the_parameter_file_names_what_exists():

@@ -122,23 +122,37 @@ def test_whatever_survives_is_tracked_as_if_it_were_all(faults):
     assert same(rows(outputs), tracked(expected))
 
 
-def test_lost_packets_make_a_stateful_decoder_wait():
-    encode = encoder("evt3", round_times=True)
-    stream = []
-    for seq, part in enumerate(cut(EVENTS)):
-        base, data = encode(part)
-        stream.append(packet(part, seq, encoding="evt3", time_base=base, data=data))
-    kept = [p for p in stream if p.seq not in (7, 20, 21)]
-    twin_decoder, expected, newest = decoder("evt3", WIDTH, HEIGHT), [], -1
-    for p in kept:
-        if p.seq != newest + 1:
-            twin_decoder.resynchronise()
-        newest = p.seq
-        expected.append(twin_decoder.decode(p.data, p.time_base))
+def words_of(p, words):
+    return dataclasses.replace(p, encoding="evt3", data=np.array(words, "<u2").tobytes())
+
+
+def test_a_lost_packet_makes_a_stateful_decoder_wait():
+    """The row of an event stands in an earlier word, maybe of a packet that was lost."""
+    shell = packets(EVENTS)
     live = LiveFrontend(OPTIONS)
-    outputs = feed(live, kept) + list(live.flush())
-    assert live.totals.events == sum(len(e) for e in expected)
-    assert same(rows(outputs), tracked(np.concatenate(expected)))
+    feed(live, [words_of(shell[0], [0x0003, 0x8001, 0x6001, 0x2005])])  # row 3, time, column 5
+    assert live.events[["x", "y"]].tolist() == [(5, 3)]
+    feed(live, [words_of(shell[2], [0x2006, 0x8001, 0x6002, 0x2007, 0x0008, 0x2009])])
+    assert live.events[["x", "y"]].tolist() == [(9, 8)]
+    feed(live, [words_of(shell[3], [0x200A])])
+    assert live.events[["x", "y"]].tolist() == [(10, 8)]
+    feed(live, [dataclasses.replace(words_of(shell[4], [0x0009]), big_endian=True)])
+    feed(live, [words_of(shell[5], [0x200B])])
+    assert len(live.events) == 0
+
+
+def test_a_driver_that_begins_again_has_a_clock_that_begins_again():
+    """The clock of `evt3` wraps every 16.8 s; a decoder that went on counting would take it for a wrap."""
+    base, data = encoder("evt3", round_times=True)(later(40 * S))
+    live = LiveFrontend(OPTIONS)
+    feed(live, [packet(EVENTS, 5000, encoding="evt3", time_base=base, data=data, stamp=HOST)])
+    assert abs(live.offset + base - HOST) < 1000
+    base, data = encoder("evt3", round_times=True)(later(S))
+    outputs = feed(live, [packet(EVENTS, 0, encoding="evt3", time_base=base, data=data, stamp=HOST + 9 * S)])
+    assert (live.totals.restarts, live.totals.late, live.totals.events) == (1, 0, 2 * COUNT)
+    assert live.last_t // 1000 == later(S)["t"][-1] // 1000
+    assert abs(live.offset + base - HOST - 9 * S) < 1000
+    assert len(outputs) == 2
 
 
 def each_id_once(outputs_of_streams):
@@ -284,6 +298,18 @@ def test_one_damaged_packet_does_not_end_the_stream(changes, says):
     assert same(rows(outputs), tracked(kept))
 
 
+def test_a_packet_of_a_sensor_that_the_options_do_not_fit_does_not_end_the_stream():
+    options = replace(OPTIONS, {"activity.cell": 150})
+    stream = packets(EVENTS)
+    stream[30] = dataclasses.replace(stream[30], width=100, height=100)
+    live = LiveFrontend(options)
+    outputs = feed(live, stream) + list(live.flush())
+    kept = np.concatenate([part for i, part in enumerate(cut(EVENTS)) if i != 30])
+    assert "activity.cell is 150 px, longer than the sensor of 100x100" in live.problem
+    assert (live.totals.unreadable, live.size) == (1, (WIDTH, HEIGHT))
+    assert same(rows(outputs), tracked(kept, options))
+
+
 def test_ids_go_on_when_the_sensor_size_changes_and_changes_back():
     live = LiveFrontend(OPTIONS)
     streams = [packets(later(0)), packets(later(S), 75, width=200), packets(later(2 * S), 150)]
@@ -326,7 +352,7 @@ def test_arrays_of_events_have_host_times(header):
         base, first, last = int(part["t"][0]), int(part["t"][0]), int(part["t"][-1])
         stamp = {"first": first, "last": last, "sent": last + MS}[header]
         feed(live, [packet(part, None, time_base=base, data=encode_mono(part, base), stamp=stamp, host_times=True)])
-    assert live.offset == (MS if header == "sent" else 0)
+        assert live.offset == (MS if header == "sent" else 0)
     assert live.totals.events == COUNT
 
 

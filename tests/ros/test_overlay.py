@@ -17,18 +17,19 @@ from esfo_frontend.overlay import (
     TRAIL,
     TRAIL_NS,
     Overlay,
-    draw_line,
     draw_tracks,
+    line_pixels,
     screw_line,
 )
 
 NO_LINE = np.empty((0, 2))
 
 
-def line_pixels(line, width=40, height=30):
-    picture = np.zeros((height, width, 3), np.uint8)
-    draw_line(picture, np.array(line, float))
-    return {(int(x), int(y)) for y, x in zip(*np.nonzero((picture == LINE).all(axis=2)), strict=True)}
+def pixels_of(line, width=40, height=30):
+    found = line_pixels(np.array(line, float), width, height)
+    assert found.min(initial=0) >= 0
+    assert (found < [width, height]).all()
+    return set(map(tuple, found.tolist()))
 
 
 def test_events_are_drawn_in_their_colours():
@@ -40,6 +41,9 @@ def test_events_are_drawn_in_their_colours():
     assert tuple(picture[5, 7]) == tuple(COLOURS[1])
     assert tuple(picture[0, 3]) == tuple(COLOURS[1])
     assert tuple(picture[0, 0]) == BACKGROUND
+    assert of_colour(overlay.picture(np.array([(0.0, 3.0), (9.0, 3.0)])), LINE) == {
+        (x, y) for x in range(8) for y in (3, 4)
+    }
     assert overlay.events == 4
 
 
@@ -102,7 +106,7 @@ def test_tracks_are_seen_for_a_while_and_go_on_in_the_next_picture():
 @pytest.mark.parametrize("end", [(30, 12), (12, 25), (5, 3), (10, 20)])
 def test_a_line_covers_the_pixels_along_it(end):
     start = np.array([10.0, 12.0])
-    found = line_pixels([start, end])
+    found = pixels_of([start, end])
     for s in np.linspace(0, 1, 101):
         x, y = np.rint(start + s * (np.array(end) - start)).astype(int)
         assert (x, y) in found
@@ -111,10 +115,10 @@ def test_a_line_covers_the_pixels_along_it(end):
 
 
 def test_only_the_visible_part_of_a_far_line_is_drawn():
-    inside = line_pixels([(0, 15), (39, 15)])
-    assert line_pixels([(-1e7, 15), (1e7, 15)]) == inside
-    assert line_pixels([(-1e7, 45), (1e7, 45)]) == set()
-    assert line_pixels([(50, -1e6), (50, 1e6)]) == set()
+    inside = pixels_of([(0, 15), (39, 15)])
+    assert pixels_of([(-1e7, 15), (1e7, 15)]) == inside
+    assert pixels_of([(-1e7, 45), (1e7, 45)]) == set()
+    assert pixels_of([(50, -1e6), (50, 1e6)]) == set()
 
 
 def test_the_screw_line_passes_through_the_projected_centre():

@@ -7,7 +7,7 @@ at t0. Both meet in `transform_message`: it turns the published points into the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,19 @@ def activity_from(message: msg.EventActivity) -> Activity:
             f"{len(counts)} counts in bins of {message.bin} ns do not fit a grid of {message.rows}x{message.columns}"
         )
     return Activity(message.t0, message.bin, message.cell, counts.reshape(-1, 2, message.rows, message.columns))
+
+
+def estimate_messages(estimate: OrbitEstimate, header: Header, object_frame_id: str) -> Iterator[tuple[str, Any]]:
+    """Return the messages that an estimate makes, each after its topic; `orbit` is the last and announces the others.
+
+    The header has the host time of t_last and names the camera frame.
+    """
+    spin = estimate.spin
+    if spin is not None:
+        yield "spin_rate", twist_message(estimate, spin, header)
+        yield "points", points_message(estimate, spin, Header(stamp=header.stamp, frame_id=object_frame_id))
+    yield "markers", markers_message(spin, header)
+    yield "orbit", orbit_message(estimate, header)
 
 
 def orbit_message(estimate: OrbitEstimate, header: Header) -> msg.OrbitEstimate:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from esfo_msgs.msg import CornerClusters, EventActivity, FeatureTracks, OrbitEstimate
@@ -18,6 +19,7 @@ from esfo_core.orbit import Spin
 from esfo_core.packets import Packet
 from esfo_core.tracks import TrackUpdate
 from esfo_frontend.clusters import Clusters
+from esfo_frontend.frontend import FrontendOutput
 
 BINS_PER_MESSAGE = 32
 
@@ -35,6 +37,23 @@ def packet_from(message: EventPacket) -> Packet:
         stamp=from_stamp(message.header.stamp),
         frame_id=message.header.frame_id,
     )
+
+
+def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: str) -> Iterator[tuple[str, Any]]:
+    """Return the messages that an output makes, each after its topic.
+
+    t: sensor time of the latest event, ns. offset_ns: host time minus sensor time.
+    """
+    rows = output.tracks.observations
+    if len(output.clusters):
+        header = header_at(int(output.clusters.t.max()) + offset_ns, frame_id)
+        yield "corner_clusters", clusters_message(output.clusters, header)
+    if len(rows) or len(output.tracks.ended):
+        header = header_at((int(rows.t.max()) if len(rows) else t) + offset_ns, frame_id)
+        yield "feature_tracks", tracks_message(output.tracks, header)
+    if output.activity is not None:
+        for message in activity_messages(output.activity, offset_ns, frame_id):
+            yield "event_activity", message
 
 
 def clusters_message(clusters: Clusters, header: Header) -> CornerClusters:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,14 +63,14 @@ class Overlay:
 
     def picture(self, line: NDArray[np.float64]) -> NDArray[np.uint8]:
         """Return the picture (height, width, 3), RGB, with the line through the pixels (K, 2)."""
-        return compose(self._canvas.levels, self.trails(), line)
+        return compose(self._canvas.levels, self.trails(), line_pixels(line, *self.size))
 
 
-def compose(levels: NDArray[np.uint8], rows: Tracks, line: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return the picture (height, width, 3), RGB, of a canvas with tracks and a line through the pixels (K, 2)."""
-    picture = _PALETTE[levels]
+def compose(levels: NDArray[np.uint8], rows: Tracks, line: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """Return the picture (height, width, 3), RGB, of a canvas with tracks and the pixels (N, 2) of a line."""
+    picture = np.take(_PALETTE, levels, axis=0)  # five times faster than _PALETTE[levels]
     draw_tracks(picture, rows)
-    draw_line(picture, line)
+    _paint(picture, line, LINE)
     return picture
 
 
@@ -96,16 +94,16 @@ def draw_tracks(picture: NDArray[np.uint8], rows: Tracks) -> None:
     _paint(picture, (heads[:, None] + square).reshape(-1, 2), HEAD)
 
 
-def draw_line(picture: NDArray[np.uint8], line: NDArray[np.float64]) -> None:
-    """Draw straight pieces, two pixels wide, between the pixels (K, 2); what lies outside is cut off."""
-    height, width, _ = picture.shape
-    for start, stop in pairwise(line):
-        low, high = _visible(start, stop - start, width, height)
-        if low > high:
-            continue
-        points = _pixels(*(start + s * (stop - start)[None] for s in (low, high)))
-        for shift in ((0, 0), (1, 0), (0, 1)):
-            _paint(picture, points + shift, LINE)
+def line_pixels(line: NDArray[np.float64], width: int, height: int) -> NDArray[np.int64]:
+    """Return the pixels (N, 2) of straight pieces, two pixels wide, between the pixels (K, 2), inside of the image."""
+    starts, steps = line[:-1], np.diff(line, axis=0)
+    low, high = _visible(starts, steps, np.array([width, height]) - 1.0)
+    seen = low <= high
+    starts, steps, low, high = starts[seen], steps[seen], low[seen, None], high[seen, None]
+    thin = np.unique(_pixels(starts + low * steps, starts + high * steps), axis=0)
+    pixels = (thin[:, None] + np.array([[0, 0], [1, 0], [0, 1]])).reshape(-1, 2)
+    inside = ((pixels >= 0) & (pixels < [width, height])).all(axis=1)
+    return np.asarray(pixels[inside], np.int64)
 
 
 def _pixels(starts: NDArray[np.float64], stops: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -125,14 +123,14 @@ def _paint(picture: NDArray[np.uint8], pixels: NDArray[np.int64], colour: tuple[
     picture[y[inside], x[inside]] = colour
 
 
-def _visible(start: NDArray[np.float64], step: NDArray[np.float64], width: int, height: int) -> tuple[float, float]:
-    """Range of s in [0, 1] for which start + s step lies in the image; empty (low > high) when none does."""
-    low, high = 0.0, 1.0
-    for p, d, size in zip(start, step, (width, height), strict=True):
-        if d == 0.0:
-            if not 0 <= p <= size - 1:
-                return 1.0, 0.0
-            continue
-        near, far = sorted((-p / d, (size - 1 - p) / d))
-        low, high = max(low, near), min(high, far)
+def _visible(
+    starts: NDArray[np.float64], steps: NDArray[np.float64], last: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Range of s in [0, 1], (K,) and (K,), for which start + s step lies in [0, last]; low > high where none does."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.sort([-starts / steps, (last - starts) / steps], axis=0)
+    within = (starts >= 0) & (starts <= last)
+    level = steps == 0.0
+    low = np.where(level, np.where(within, 0.0, 1.0), ends[0]).max(axis=1, initial=0.0)
+    high = np.where(level, np.where(within, 1.0, 0.0), ends[1]).min(axis=1, initial=1.0)
     return low, high

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -47,18 +47,18 @@ class BagTopic:
 class BagWriter:
     """Writes messages, in any order of time: the bag's index puts them in order.
 
-    The end of the `with` block ends the bag. Until then it is called `<path>.part`, and an error removes it. The same
-    messages give the same bytes.
+    Until `finish` the file is called `<path>.part`; `discard` removes it. As a context manager it finishes, or discards
+    after an error. The same messages give the same bytes.
 
-    Raises RecordingError, from the block and all methods, when the file cannot be written.
+    Every method raises RecordingError when the file cannot be written.
     """
 
     def __init__(self, path: Path, compress: bool = False) -> None:
-        """Create the file. compress: with Zstandard, in pieces of 1 MiB that are read one by one."""
+        """Create the file. compress: with LZ4, in pieces of 1 MiB that are read one by one."""
         self._path, self._part = path, path.with_name(path.name + ".part")
         with self._one_kind_of_error():
             self._file = self._part.open("wb")
-            self._writer = Writer(self._file, compression=CompressionType.ZSTD if compress else CompressionType.NONE)
+            self._writer = Writer(self._file, compression=CompressionType.LZ4 if compress else CompressionType.NONE)
             self._writer.start(profile="ros2", library=LIBRARY)
 
     def add_topic(self, topic: BagTopic) -> int:
@@ -72,21 +72,32 @@ class BagWriter:
         with self._one_kind_of_error():
             self._writer.add_message(topic, t, cdr, t, sequence)
 
+    def finish(self) -> None:
+        """End the bag and give it its name."""
+        try:
+            with self._one_kind_of_error():
+                self._writer.finish()  # type: ignore[no-untyped-call]
+                self._file.close()
+                self._part.replace(self._path)
+        finally:
+            self.discard()
+
+    def discard(self) -> None:
+        """Remove what has no name yet."""
+        with suppress(OSError):  # what cannot be written on closing is not wanted any more
+            self._file.close()
+        self._part.unlink(missing_ok=True)
+
     def __enter__(self) -> BagWriter:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            with self._one_kind_of_error():
-                with self._file:
-                    if error is None:
-                        self._writer.finish()  # type: ignore[no-untyped-call]
-                if error is None:
-                    self._part.replace(self._path)
-        finally:
-            self._part.unlink(missing_ok=True)
+        if error is None:
+            self.finish()
+        else:
+            self.discard()
 
     @contextmanager
     def _one_kind_of_error(self) -> Iterator[None]:

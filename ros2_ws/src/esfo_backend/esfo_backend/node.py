@@ -93,7 +93,9 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         self.subscribe(CAMERA_INFO, self._on_camera)
         self.subscribe(TRACKS, self._on_tracks)
         self.subscribe(ACTIVITY, self._on_activity)
-        self.tick(TF_PERIOD_S, self._turn, self.get_clock())
+        self._turning = self.tick(TF_PERIOD_S, self._turn, self.get_clock())
+        if self._spin is None:
+            self._turning.cancel()  # until there is something that turns
         self.get_logger().info("ready")
 
     def clean_up(self) -> None:
@@ -180,6 +182,8 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         self.publish(MARKERS.name, messages.markers_message(spin, header))
         # The last, so that it announces the others.
         self.publish(ORBIT.name, messages.orbit_message(estimate, header))
+        if spin is not None and self._turning.is_canceled():
+            self._turning.reset()
         self._spin, self._estimate = spin, estimate
         self._turn(stamp)  # the clock of a recording may have stopped
 

@@ -41,6 +41,11 @@ class NodeProcess:
                 [str(executable), *arguments], stdout=log, stderr=subprocess.STDOUT, start_new_session=True
             )
 
+    @property
+    def pid(self) -> int:
+        """Number of its process."""
+        return self._process.pid
+
     def exit_code(self) -> int | None:
         """Exit code, None while it runs."""
         return self._process.poll()

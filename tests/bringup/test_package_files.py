@@ -66,7 +66,7 @@ def test_every_parameter_of_the_launch_file_exists():
         for key in node.keys
         if isinstance(key, ast.Constant)
     }
-    parameters = found - {"namespace", "output", "remappings", "ros_arguments"}
+    parameters = found - {"namespace", "output", "remappings", "ros_arguments", "sigterm_timeout"}
     assert len(parameters) >= 9
     assert parameters <= names(*NODES["frontend"], *NODES["backend"], *OTHERS) | OF_ALL_NODES
 

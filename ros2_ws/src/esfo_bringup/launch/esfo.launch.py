@@ -62,6 +62,7 @@ def nodes(context):
     shape = {
         "namespace": given["namespace"],
         "output": "screen",
+        "sigterm_timeout": "15",  # longer than the nodes take to end the estimate that they are at
         "remappings": [
             ("events", given["events"]),
             ("camera_info", given["camera_info"]),

@@ -96,11 +96,20 @@ class Listener:
         return str(self.ask(GetState, f"{node}/get_state", GetState.Request()).current_state.label)
 
     def health(self, name: str) -> DiagnosticStatus | None:
-        """Latest status of a node, by its full name, since the last `forget`."""
+        """Latest status of a node, by its full name."""
         if "/diagnostics" not in self.got:
             self.listen(DiagnosticArray, "/diagnostics")
         found = [m.status[0] for m in self.got["/diagnostics"] if m.status[0].name == name]
         return found[-1] if found else None
+
+    def values(self, name: str) -> dict[str, str]:
+        """What diagnostics of a node show from now on."""
+        self.health(name)  # subscribes
+        self.got["/diagnostics"].clear()
+        self.until(lambda: self.health(name))
+        status = self.health(name)
+        assert status is not None
+        return {pair.key: pair.value for pair in status.values}
 
     def close(self) -> None:
         """End the node."""

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
+from pathlib import Path
 
 from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, report, settings_of, source_of
 from esfo_bringup.exposure import Exposure
-from esfo_bringup.offline import Source, run_offline, track_offline
-from esfo_bringup.results import write_results
+from esfo_bringup.load_ahead import load_ahead
+from esfo_bringup.offline import BACKEND, Source, run_offline, track_offline
+from esfo_bringup.result_bag.opening import CONTENTS, ResultBag
+from esfo_bringup.settings import RunSettings
+from esfo_core.events import EventArray
+from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.pipelines import Statistics
+
+_RESULTS = "esfo_bringup.results"
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -17,6 +25,12 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     add_run_arguments(parser)
     parser.add_argument(
         "--until", default="orbit", choices=("tracks", "orbit"), help="last stage; `tracks` writes tracks.csv alone"
+    )
+    parser.add_argument(
+        "--bag",
+        default="all",
+        choices=CONTENTS,
+        help="content of result.mcap: all topics of a live run, all without the events, or no such file (default all)",
     )
     parser.set_defaults(execute=execute)
 
@@ -27,20 +41,34 @@ def execute(args: argparse.Namespace) -> int:
     source = source_of(args)
     check_output(args.output)
     if args.until == "tracks":
-        tracks, statistics = track_offline(source.recording, settings)
-        args.output.mkdir(parents=True, exist_ok=True)
-        tracks.write_csv(args.output / "tracks.csv")
-        _print_reading(source)
-        _print_statistics(statistics)
-        print(f"written     {args.output}/tracks.csv")
-        return 0
+        return _track(source, settings, args.output)
+    load_ahead([BACKEND, _RESULTS])  # while the recording is read
     exposure = Exposure(source.recording.width, source.recording.height)
-    result = run_offline(source, settings, lambda events, _: exposure.add(events))
-    write_results(result, source, exposure, args.output)
+
+    def listen(events: EventArray, output: FrontendOutput) -> None:
+        exposure.add(events)
+        bag.add(events, output)
+
+    with ResultBag(args.output, source, args.bag) as bag:
+        result = run_offline(source, settings, listen)
+        bag.finish(result)
+        import_module(_RESULTS).write_results(result, source, exposure, args.output)
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)
+    if bag.problem:
+        print(f"not written {bag.path}: {bag.problem}")
     return report(result, args.output)
+
+
+def _track(source: Source, settings: RunSettings, folder: Path) -> int:
+    tracks, statistics = track_offline(source.recording, settings)
+    folder.mkdir(parents=True, exist_ok=True)
+    tracks.write_csv(folder / "tracks.csv")
+    _print_reading(source)
+    _print_statistics(statistics)
+    print(f"written     {folder}/tracks.csv")
+    return 0
 
 
 def _print_reading(source: Source) -> None:

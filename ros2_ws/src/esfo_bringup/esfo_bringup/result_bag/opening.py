@@ -1,0 +1,112 @@
+"""result.mcap, as far as it can be written: without ROS messages, or on a full disk, the run goes on without it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from pathlib import Path
+from queue import Queue
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from esfo_bringup.errors import CommandError
+from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.result_bag.stream_health import Report, StreamHealth
+from esfo_core.errors import EsfoError
+from esfo_core.events import EventArray
+from esfo_frontend.frontend import FrontendOutput
+
+if TYPE_CHECKING:
+    from esfo_bringup.result_bag.recorder import Recorder
+
+Content = Literal["all", "no-events", "none"]
+CONTENTS: tuple[Content, ...] = ("all", "no-events", "none")
+NAME = "result.mcap"
+
+_MOST_WAITING = 500
+"""Chunks that may wait for the bag; then the run waits."""
+
+
+class _Piece(NamedTuple):
+    events: EventArray
+    output: FrontendOutput
+    health: Report | None
+
+
+class ResultBag:
+    """The bag of one run, at `path`, written by a thread of its own while the run goes on.
+
+    At the end of the `with` block it is there, or `problem` says in one line why not. Nothing is left of a bag that was
+    not finished, nor of that of an earlier run.
+    """
+
+    def __init__(self, folder: Path, source: Source, content: Content) -> None:
+        """Begin the bag in the folder, which is made. content: what goes into it.
+
+        Raises CommandError when the recording that is read is this very file.
+        """
+        self.path, self.problem = folder / NAME, ""
+        if self.path.resolve() == source.recording.path.resolve():
+            raise CommandError(f"{self.path} is the recording: choose another folder for the results")
+        folder.mkdir(parents=True, exist_ok=True)
+        self._source, self._content = source, content
+        self._health = StreamHealth(source.recording)
+        self._queue: Queue[_Piece | RunResult | None] = Queue(_MOST_WAITING)
+        self._at_end = False
+        self._pool = ThreadPoolExecutor(1, "result_bag")
+        self._work = self._pool.submit(self._record_all)
+
+    def add(self, events: EventArray, output: FrontendOutput) -> None:
+        """Take in events (N,), following earlier ones, and what they settled."""
+        self._queue.put(_Piece(events, output, self._health.add(events, output)))
+
+    def finish(self, result: RunResult) -> None:
+        """Write what the run came to and end the bag."""
+        self._queue.put(result)
+
+    def __enter__(self) -> ResultBag:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._queue.put(None)
+        self._pool.shutdown()
+        if error is not None:
+            return
+        self._work.result()
+        if self.problem or self._content == "none":
+            self.path.unlink(missing_ok=True)
+
+    def _record_all(self) -> None:
+        """Empty the queue up to its end, whatever happens: the run must not wait for room in it."""
+        try:
+            if self._content != "none":
+                self._record()
+        finally:
+            while not self._at_end:
+                self._next()
+
+    def _record(self) -> None:
+        recorder: Recorder | None = None
+        try:
+            # Loaded here and not above, because everything else works without ROS.
+            module = import_module("esfo_bringup.result_bag.recorder")
+            recorder = module.Recorder(self.path, self._source, events=self._content == "all")
+            while (piece := self._next()) is not None:
+                if isinstance(piece, RunResult):
+                    recorder.finish(piece)
+                else:
+                    recorder.add(piece.events, piece.output, piece.health)
+        except ImportError as error:
+            self.problem = f"the ROS messages cannot be loaded ({error})"
+        except (EsfoError, OSError) as error:
+            self.problem = str(error)
+        finally:
+            if recorder is not None:
+                recorder.discard()
+
+    def _next(self) -> _Piece | RunResult | None:
+        piece = self._queue.get()
+        self._at_end = piece is None
+        return piece

@@ -1,0 +1,86 @@
+"""Records the stream of an offline run as the messages that a live run publishes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.replay.messages import packet_message
+from esfo_bringup.replay.player import MAX_EVENTS, PACKET_NS, ReplayOptions
+from esfo_bringup.result_bag.frames import Frames
+from esfo_bringup.result_bag.message_bag import MessageBag
+from esfo_bringup.result_bag.messages import STREAM_TOPICS
+from esfo_bringup.result_bag.stream_health import Report
+from esfo_core.events import EventArray
+from esfo_core.messages import diagnostic_message, from_stamp, to_stamp
+from esfo_frontend.frontend import FrontendOutput
+from esfo_frontend.messages import output_messages
+
+FRAME_NS = 66_666_667
+"""Period of the overlay."""
+
+CAMERA_FRAME = ReplayOptions().frame_id
+
+
+class Recorder:
+    """Writes all topics of a live run into one bag, in sensor time: events and tracks as they stream.
+
+    Raises RecordingError when the file cannot be written, EsfoError for times that ROS cannot express.
+    """
+
+    def __init__(self, path: Path, source: Source, events: bool) -> None:
+        """events: write them too, in packets as the replay sends them."""
+        self._source, self._with_events = source, events
+        self._size = (source.recording.width, source.recording.height)
+        self._frames = Frames(*self._size, FRAME_NS, path.parent)
+        self._bag = MessageBag(path)
+        self._bag.add_topics(STREAM_TOPICS)
+        self._first: int | None = None
+        self._last = self._packets = 0
+
+    def add(self, events: EventArray, output: FrontendOutput, health: Report | None) -> None:
+        """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
+        if len(events):
+            self._first = int(events["t"][0]) if self._first is None else self._first
+            self._last = int(events["t"][-1])
+            if self._with_events:
+                self._write_packets(events, self._first)
+            self._frames.add(events)
+        for topic, message in output_messages(output, self._last, 0, CAMERA_FRAME):
+            self._bag.publish(topic, from_stamp(message.header.stamp), message)
+        if health is not None:
+            status = diagnostic_message("/frontend", to_stamp(health.t), health.problems, health.counts)
+            self._bag.publish("/diagnostics", health.t, status)
+
+    def finish(self, result: RunResult) -> None:
+        """Write what the run came to and end the bag. The recording had events."""
+        assert self._first is not None
+        outcome = import_module("esfo_bringup.result_bag.outcome")  # loads the back-end, which takes its time
+        outcome.write_outcome(self._bag, result, self._source, self._frames, (self._first, self._last))
+        self._bag.finish()
+        self._frames.close()
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        self._bag.discard()
+        self._frames.close()
+
+    def _write_packets(self, events: EventArray, first: int) -> None:
+        for packet in _packets(events, first):
+            message = packet_message(packet, self._packets, self._size, CAMERA_FRAME)
+            self._bag.publish("events", int(packet["t"][-1]), message)
+            self._packets += 1
+
+
+def _packets(events: EventArray, first: int) -> Iterator[EventArray]:
+    """Cut events (N,), N > 0, on the grid of the replay: every `PACKET_NS` from the first event of all."""
+    t = events["t"]
+    start = int(t[0]) - (int(t[0]) - first) % PACKET_NS
+    borders = np.searchsorted(t, np.arange(start + PACKET_NS, int(t[-1]) + 1, PACKET_NS))
+    for piece in np.split(events, borders):
+        for k in range(0, len(piece), MAX_EVENTS):
+            yield piece[k : k + MAX_EVENTS]

@@ -1,0 +1,62 @@
+"""State of the stream of events of an offline run, second by second, for the diagnostics of a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from esfo_core.events import EventArray
+from esfo_core.orbit import NANOSECONDS
+from esfo_core.recordings import Recording
+from esfo_frontend.frontend import FrontendOutput
+
+_PERIOD_NS = int(NANOSECONDS)
+
+
+@dataclass(frozen=True)
+class Report:
+    """State at the sensor time `t` in ns. problems: what went wrong in the second before; counts since the start."""
+
+    t: int
+    problems: dict[str, str]
+    counts: dict[str, object]
+
+
+class StreamHealth:
+    """Counts what came in and went out, and what the reader of the recording lost."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._due: int | None = None
+        self._events = self._reported_events = self._observations = 0
+        self._reported_losses: Mapping[str, int] = {}
+
+    def add(self, events: EventArray, output: FrontendOutput) -> Report | None:
+        """Take in a chunk, and what it settled; return a report when a second is over."""
+        self._events += len(events)
+        self._observations += len(output.tracks.observations)
+        if not len(events):
+            return None
+        t = int(events["t"][-1])
+        self._due = int(events["t"][0]) + _PERIOD_NS if self._due is None else self._due
+        return self._report(t) if t >= self._due else None
+
+    def _report(self, t: int) -> Report:
+        losses = self._losses()
+        new = {name: count - self._reported_losses.get(name, 0) for name, count in losses.items()}
+        counts: dict[str, object] = {
+            "Mev/s in": (self._events - self._reported_events) / 1e6,
+            "events": self._events,
+            "observations": self._observations,
+            **losses,
+        }
+        self._reported_events, self._reported_losses, self._due = self._events, losses, t + _PERIOD_NS
+        return Report(t, {name: f"{count} {name}" for name, count in new.items() if count}, counts)
+
+    def _losses(self) -> dict[str, int]:
+        s = self._recording.statistics
+        return {
+            "packets lost": s.packets_lost,
+            "packets unreadable": s.packets_damaged,
+            "events outside the sensor": s.decoder.out_of_range,
+        }

@@ -103,6 +103,18 @@ def test_tracks_are_seen_for_a_while_and_go_on_in_the_next_picture():
     assert len(Overlay(40, 30).trails()) == 0
 
 
+def test_when_time_goes_back_the_tracks_begin_anew():
+    late = rows_of([(5.0, 5.0), (9.0, 5.0)])
+    early = rows_of([(20.0, 20.0), (25.0, 20.0)])
+    late.t[:] += 2 * TRAIL_NS
+    overlay = Overlay(40, 30)
+    overlay.add_tracks(late)
+    overlay.add_tracks(early)
+    assert overlay.trails().uv.tolist() == early.uv.tolist()
+    overlay.add_tracks(late)
+    assert overlay.trails().uv.tolist() == late.uv.tolist()
+
+
 @pytest.mark.parametrize("end", [(30, 12), (12, 25), (5, 3), (10, 20)])
 def test_a_line_covers_the_pixels_along_it(end):
     start = np.array([10.0, 12.0])

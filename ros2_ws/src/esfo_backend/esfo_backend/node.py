@@ -175,13 +175,8 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         spin = estimate.spin
         stamp = estimate.t_last + self._offset if estimate.t_last else self._stamp
         header = Header(stamp=to_stamp(stamp), frame_id=self._camera_frame)
-        if spin is not None:
-            self.publish(SPIN_RATE.name, messages.twist_message(estimate, spin, header))
-            in_object = Header(stamp=header.stamp, frame_id=self.live.object_frame)
-            self.publish(POINTS.name, messages.points_message(estimate, spin, in_object))
-        self.publish(MARKERS.name, messages.markers_message(spin, header))
-        # The last, so that it announces the others.
-        self.publish(ORBIT.name, messages.orbit_message(estimate, header))
+        for topic, message in messages.estimate_messages(estimate, header, self.live.object_frame):
+            self.publish(topic, message)
         if spin is not None and self._turning.is_canceled():
             self._turning.reset()
         self._spin, self._estimate = spin, estimate

@@ -53,8 +53,14 @@ class Overlay:
         self._canvas.add(events)
 
     def add_tracks(self, rows: Tracks) -> None:
-        """Draw the ways of the tracks through these rows, and those before, of the last `TRAIL_NS`."""
-        self._rows.append(rows)
+        """Draw the ways of the tracks through these rows, and those before, of the last `TRAIL_NS`.
+
+        Rows of a time before that begin a new stream: what was there is forgotten.
+        """
+        if len(rows):
+            seen = self.trails()
+            goes_back = len(seen) and rows.t.max() < seen.t.max() - TRAIL_NS
+            self._rows = [rows] if goes_back else [seen, rows]
 
     def trails(self) -> Tracks:
         """Return the rows of the last `TRAIL_NS` before the newest one."""

@@ -42,7 +42,9 @@ class Started:
     arguments: list[str]
 
 
-def started(folder: Path, expected: int, pushed_namespace: str = "", **arguments: str) -> dict[str, Started]:
+def started(
+    folder: Path, expected: int, pushed_namespace: str = "", expected_result: int = 0, **arguments: str
+) -> dict[str, Started]:
     """Launch with stand-ins for `expected` nodes, below a namespace if there is one; return them by executable."""
     stand_in = folder / "stand_in"
     stand_in.write_text(STAND_IN.format(python=sys.executable, folder=folder))
@@ -60,7 +62,7 @@ def started(folder: Path, expected: int, pushed_namespace: str = "", **arguments
         )
     )
     threading.Thread(target=_end_when_started, args=(service, folder, expected)).start()
-    assert service.run() == 0
+    assert service.run() == expected_result
     notes = [json.loads(path.read_text()) for path in folder.glob("*.json")]
     assert len(notes) == expected, notes
     return {Path(words[0]).name: _parsed(words[1:], files) for words, files in notes}

@@ -14,6 +14,19 @@ from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
 
+
+@pytest.fixture(autouse=True)
+def files(tmp_path, monkeypatch):
+    """A working directory, which is home too, with what the arguments name."""
+    home = tmp_path / "home"
+    home.mkdir()
+    for name in ("1.50", "scene.mcap", "cal.yaml"):
+        (home / name).touch()
+    monkeypatch.chdir(home)
+    monkeypatch.setenv("HOME", str(home))
+    return home
+
+
 PIPELINE = {"frontend_node", "backend_node"}
 OPTIONS = {
     "frontend_node": (esfo_frontend.options.FrontendOptions(), esfo_frontend.live.LiveOptions()),
@@ -37,12 +50,12 @@ def check_parameters(nodes):
             assert known(executable).get(name) is type(value), f"{executable} {name}: {value!r}"
 
 
-def test_a_recording_is_replayed_in_its_own_time(tmp_path):
-    nodes = started(tmp_path, 3, bag="/data/1.5", rate="0", log_level="warn")
+def test_a_recording_is_replayed_in_its_own_time(tmp_path, files):
+    nodes = started(tmp_path, 3, bag=f"{files}/scene.mcap", rate="0", log_level="warn")
     assert set(nodes) == {*PIPELINE, "replay_node"}
     check_parameters(nodes)
     assert nodes["replay_node"].parameters == {
-        "recording": "/data/1.5",
+        "recording": f"{files}/scene.mcap",
         "camera": "",
         "rate": 0.0,
         "frame_id": "camera",
@@ -76,12 +89,11 @@ def test_a_camera_is_taken_as_its_driver_sends(tmp_path):
     assert nodes["frontend_node"].parameters["wait_for_back_end"] is False
 
 
-def test_a_calibration_without_a_recording_is_published(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", "/home/someone")
+def test_a_calibration_without_a_recording_is_published(tmp_path, files):
     nodes = started(tmp_path, 3, camera="~/cal.yaml", camera_frame="davis", camera_info="/davis/camera_info")
     check_parameters(nodes)
     node = nodes["camera_info_node"]
-    assert node.parameters == {"camera": "/home/someone/cal.yaml", "frame_id": "davis"}
+    assert node.parameters == {"camera": f"{files}/cal.yaml", "frame_id": "davis"}
     assert node.remappings["camera_info"] == "/davis/camera_info"
 
 
@@ -129,3 +141,9 @@ def test_rviz_looks_from_the_camera_of_the_namespace(tmp_path, monkeypatch):
     assert rviz.remappings["__ns"] == "/left"
     assert rviz.arguments[rviz.arguments.index("-f") + 1] == "left/camera"
     assert rviz.arguments[rviz.arguments.index("-d") + 1].endswith("rviz/esfo.rviz")
+
+
+@pytest.mark.parametrize("argument", ["bag", "camera", "params_file"])
+def test_a_file_that_is_not_there_is_named_before_anything_starts(tmp_path, argument, caplog):
+    assert started(tmp_path, 0, **{argument: "none.yaml"}, expected_result=1) == {}
+    assert f"{argument}: there is no none.yaml" in caplog.text

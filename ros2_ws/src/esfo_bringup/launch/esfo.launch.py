@@ -10,7 +10,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch.utilities.type_utils import perform_typed_substitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
+from launch_ros.parameter_descriptions import ParameterFile
 from launch_ros.substitutions import FindPackageShare
 from launch_ros.utilities import prefix_namespace
 
@@ -52,16 +52,15 @@ def generate_launch_description():
 def nodes(context):
     """Return the nodes for the arguments as they are given."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
-    bag, camera = expanded(given["bag"]), expanded(given["camera"])
+    bag, camera, params_file = (file(given, argument) for argument in ("bag", "camera", "params_file"))
     camera_frame, object_frame = frames(context, given)
-    simulated = bool(bag) if given["use_sim_time"] == "auto" else flag(context, "use_sim_time")
-    time = {"use_sim_time": simulated}
+    time = {"use_sim_time": bool(bag) if given["use_sim_time"] == "auto" else flag(context, "use_sim_time")}
     shared = {"preset": given["preset"], "autostart": flag(context, "autostart"), **time}
-    params_file = ParameterFile(expanded(given["params_file"]), allow_substs=True)
     frontend = {"camera_frame": camera_frame, "wait_for_back_end": bool(bag), **reliability(given, bag)}
     shape = {
         "namespace": given["namespace"],
         "output": "screen",
+        "ros_arguments": ["--log-level", given["log_level"]],
         "sigterm_timeout": "15",  # longer than the nodes take to end the estimate that they are at
         "remappings": [
             ("events", given["events"]),
@@ -69,24 +68,22 @@ def nodes(context):
             ("/clock", given["clock"] or ("clock" if bag else "/clock")),  # two replays have a time each
         ],
     }
-    logs = {"ros_arguments": ["--log-level", given["log_level"]]}
     started = [
         Node(
             package=f"esfo_{side}",
             executable=f"{side}_node",
-            parameters=[typed({**shared, **own}), params_file],
+            parameters=[{**shared, **own}, ParameterFile(params_file, allow_substs=True)],
             on_exit=Shutdown(reason=f"the {side} ended"),
             **shape,
-            **logs,
         )
         for side, own in (("frontend", frontend), ("backend", {"object_frame": object_frame}))
     ]
     calibration = {"camera": camera, "frame_id": camera_frame}
     if bag:
         own = {"recording": bag, "rate": float(given["rate"]), **calibration}
-        started.append(source("replay_node", own, {**shape, **logs}))
+        started.append(source("replay_node", own, shape))
     elif camera:
-        started.append(source("camera_info_node", calibration, {**shape, **logs}))
+        started.append(source("camera_info_node", calibration, shape))
     if flag(context, "rviz"):
         config = PathJoinSubstitution([SHARE, "rviz", "esfo.rviz"])
         arguments = ["-d", config, "-f", camera_frame]
@@ -99,7 +96,7 @@ def source(executable, parameters, shape):
     return Node(
         package="esfo_bringup",
         executable=executable,
-        parameters=[typed(parameters)],
+        parameters=[parameters],
         on_exit=lambda event, _: [Shutdown(reason=f"{executable} failed")] if event.returncode else None,
         **shape,
     )
@@ -120,15 +117,15 @@ def reliability(given, bag):
     return {"events.reliability": chosen}
 
 
-def expanded(name):
-    """Return a path with its ~ expanded, which no shell does after `:=`."""
-    return str(Path(name).expanduser()) if name else ""
+def file(given, argument):
+    """Return the path that an argument names, with its ~ expanded, which no shell does after `:=`; empty if it is."""
+    if not given[argument]:
+        return ""
+    path = Path(given[argument]).expanduser()
+    if not path.exists():
+        raise FileNotFoundError(f"{argument}: there is no {path}")
+    return str(path)
 
 
 def flag(context, name):
     return perform_typed_substitution(context, [LaunchConfiguration(name)], bool)
-
-
-def typed(parameters):
-    """Return parameters that keep their types: a path remains a string even where it looks like a number."""
-    return {name: ParameterValue(value, value_type=type(value)) for name, value in parameters.items()}

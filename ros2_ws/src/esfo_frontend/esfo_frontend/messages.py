@@ -8,35 +8,18 @@ from typing import Any
 
 import numpy as np
 from esfo_msgs.msg import CornerClusters, EventActivity, FeatureTracks, OrbitEstimate
-from event_camera_msgs.msg import EventPacket
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from esfo_core.activity import Activity
-from esfo_core.messages import from_stamp, to_stamp
+from esfo_core.messages import to_stamp
 from esfo_core.orbit import Spin
-from esfo_core.packets import Packet
 from esfo_core.tracks import TrackUpdate
 from esfo_frontend.clusters import Clusters
 from esfo_frontend.frontend import FrontendOutput
 
 BINS_PER_MESSAGE = 32
-
-
-def packet_from(message: EventPacket) -> Packet:
-    """Return an event packet without copying its data."""
-    return Packet(
-        seq=message.seq,
-        width=message.width,
-        height=message.height,
-        encoding=message.encoding,
-        big_endian=message.is_bigendian,
-        time_base=message.time_base,
-        data=memoryview(message.events),
-        stamp=from_stamp(message.header.stamp),
-        frame_id=message.header.frame_id,
-    )
 
 
 def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: str) -> Iterator[tuple[str, Any]]:

@@ -7,15 +7,17 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from esfo_backend.basis import Basis
 from esfo_backend.errors import BackendError
 from esfo_backend.follow import Follower
 from esfo_backend.history import LONGEST_GAP_NS, History
 from esfo_backend.options import BackendOptions
 from esfo_backend.scale import check_scale, metric
 from esfo_backend.selection import spread_tracks
-from esfo_backend.solver import Solver, Stopwatch
+from esfo_backend.solver import Solver
 from esfo_backend.start import Start
-from esfo_backend.state import load_state, save_state
+from esfo_backend.state import Following, load_state, save_state
+from esfo_backend.stopwatch import Stopwatch
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
@@ -26,8 +28,11 @@ from esfo_core.tracks import Tracks, TrackUpdate
 _SEARCH_TRACKS = 4
 """Tracks that a live search uses, in multiples of those that a live estimate uses."""
 
-_CERTAIN_TURNS = 4.0
-"""Turns after which a live stream is not searched anew: neither period nor axis change their mind any more."""
+_SEARCH_SHARE = 0.05
+"""Growth of the stream, of its length, between two searches while nothing is found: searches grow with it."""
+
+_NOTHING_TO_FOLLOW = {"rate_not_constant", "not_a_rotation", "too_few_turns"}
+"""Flags of estimates that may come from a wrong rate, or whose rate does not stay."""
 
 
 class Backend:
@@ -46,6 +51,7 @@ class Backend:
         self._history = History(self.options.memory)
         self._news: list[Tracks] = []  # since the last estimate, while there may be one that goes on
         self._goes_on = False
+        self._basis: Basis | None = None  # of estimates that go on
         self._lock = threading.Lock()
         self._solved_until: int | None = None
 
@@ -58,6 +64,22 @@ class Backend:
     def last_start_note(self) -> str:
         """What became of COLMAP in the last search."""
         return "" if self.last_start is None else self.last_start.colmap_note
+
+    def tracks(self) -> Tracks:
+        """Return the track rows that are kept, sorted by track, then time."""
+        with self._lock:
+            return self._history.tracks().sorted()
+
+    def with_options(self, options: BackendOptions) -> Backend:
+        """Return a back-end with other options that goes on with what this one received, from a search.
+
+        This one is not to be used any more. Raises OptionError as the constructor does.
+        """
+        other = Backend(self.camera, options)
+        with self._lock:
+            self._history.limit(options.memory)
+            other._history = self._history
+        return other
 
     def tell_stages(self, on_stage: Callable[[str], None]) -> None:
         """Have `on_stage` called with the name of each of STAGES as it begins."""
@@ -85,7 +107,9 @@ class Backend:
         if self._solver.rate_hz is not None and (end - begin) / NANOSECONDS * self._solver.rate_hz < live.min_turns:
             return False
         since = begin if self._solved_until is None else self._solved_until
-        return end - since >= (live.search_s if self._solver.found is None else live.interval_s) * NANOSECONDS
+        if self._basis is not None:
+            return end - since >= live.interval_s * NANOSECONDS
+        return end - since >= max(live.search_s * NANOSECONDS, _SEARCH_SHARE * (end - begin))
 
     def update(self, update: TrackUpdate, activity: Activity | None) -> OrbitEstimate | None:
         """`add`, then a quick `solve` if an estimate is due."""
@@ -93,17 +117,28 @@ class Backend:
         return self.solve(thorough=False) if self.due() else None
 
     def save(self, path: Path) -> None:
-        """Write everything that is kept, but the options, to a file. Raises StateError when that cannot be done."""
+        """Write everything that is kept, but the options, to a file; not while `solve` runs.
+
+        Raises StateError when that cannot be done.
+        """
         with self._lock:
-            save_state(path, self.camera, self._history)
+            following = None
+            if self._basis is not None and self._solved_until is not None:
+                news = Tracks.concatenate(self._news)
+                following = Following(self._basis, self._follower, news, self._solved_until)
+            save_state(path, self.camera, self._history, following)
 
     @staticmethod
     def load(path: Path, options: BackendOptions | None = None) -> Backend:
         """Go on from a saved state. Raises StateError for a file that is none, or of another version."""
         options = options or BackendOptions()
-        camera, history = load_state(path, options.memory)
+        camera, history, following = load_state(path, options)
         backend = Backend(camera, options)
         backend._history = history
+        if following is not None:
+            backend._basis, backend._follower = following.basis, following.follower
+            backend._solved_until, backend._goes_on = following.solved_until, True
+            backend._solver.rate_hz = following.basis.rate.rate_hz
         return backend
 
     def solve(self, thorough: bool = True) -> OrbitEstimate:
@@ -134,9 +169,11 @@ class Backend:
         estimate = self._solver.search(tracks, seen.activity, thorough)
         self._solved_until = seen.activity.end
         found = self._solver.found
-        if found is None or estimate.spin is None or "rate_not_constant" in estimate.flags:
-            self._stop_following()  # only a motion of constant rate goes on
+        if found is None or estimate.spin is None or _NOTHING_TO_FOLLOW & set(estimate.flags):
+            self._stop_following()
         else:
+            certain = estimate.status == "ok" and found.start.certain
+            self._basis = Basis(found.rate, found.start, found.turns, certain)
             self._follower.begin(tracks, found.structure.solution.motion, found.ids, found.structure.label)
         if estimate.spin is not None and seen.begin < estimate.t_first:
             turns = estimate.spin.rate_hz * (estimate.t_last - seen.begin) / NANOSECONDS
@@ -145,27 +182,37 @@ class Backend:
 
     def _stop_following(self) -> None:
         with self._lock:
-            self._solver.found, self._news, self._goes_on = None, [], False
+            self._basis, self._news, self._goes_on = None, [], False
 
     def _follow(self) -> OrbitEstimate | None:
         """Go on from the last estimate; None where a search has to be made."""
-        found = self._solver.found
+        basis = self._basis
         with self._lock:
             begin, end, after_gap = self._history.begin, self._history.end, self._history.after_gap
             news, self._news = Tracks.concatenate(self._news), []
-        if found is None or self._solved_until is None or begin is None or end is None:
+        if basis is None or self._solved_until is None or begin is None or end is None:
             return None
-        turns = found.rate.rate_hz * (end - begin) / NANOSECONDS
-        if end - self._solved_until > LONGEST_GAP_NS or 2 * found.turns <= min(turns, 2 * _CERTAIN_TURNS):
+        turns = basis.rate.rate_hz * (end - begin) / NANOSECONDS
+        if end - self._solved_until > LONGEST_GAP_NS or basis.doubtful(turns):
             return None
         watch = Stopwatch(self._solver.on_stage)
         try:
+            if basis.unconfirmed(turns):
+                basis = self._basis = self._confirmed(basis, turns, watch)
             with watch.stage("graph"):
                 structure, result = self._follower.update(news)
-            estimate = self._solver.estimate(structure, result, found.rate, None, found.start, (begin, end), watch)
+            estimate = self._solver.estimate(structure, result, basis.rate, None, basis.start, (begin, end), watch)
         except BackendError:
             return None
         self._solved_until = end
         if estimate.spin is None:
             return None
         return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if after_gap else estimate
+
+    def _confirmed(self, basis: Basis, turns: float, watch: Stopwatch) -> Basis:
+        with self._lock:
+            seen = self._history.seen()
+        if seen is None:
+            raise BackendError("no events were received")
+        with watch.stage("spin_rate"):
+            return basis.confirmed(seen.activity, turns, self.options.rate)

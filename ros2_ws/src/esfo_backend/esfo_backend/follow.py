@@ -7,8 +7,10 @@ the others the latest and longest.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from esfo_backend.adjust import adjust, linear_points, schur_marginal
 from esfo_backend.errors import BackendError
@@ -47,6 +49,32 @@ class Follower:
         self._tracks, self._lost = tracks, ids[label < 0]
         self._remember(motion, ids, label)
         self._tracks = self._chosen(tracks)
+
+    def arrays(self, news: Tracks) -> dict[str, ArrayLike]:
+        """Return what an update starts from as arrays for a file. news: rows that wait for the next update."""
+        if self.motion is None:
+            return {}
+        tracks = Tracks.concatenate([self._tracks, news])
+        return {
+            "followed_Q": self.motion.Q,
+            "followed_rate_hz": self.motion.rate_hz,
+            "followed_ids": self.ids,
+            "followed_label": self.label,
+            "followed_lost": self._lost,
+            "followed_track_id": tracks.track_id,
+            "followed_t": tracks.t,
+            "followed_uv": tracks.uv,
+            "followed_sigma": tracks.sigma,
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[np.generic]]) -> None:
+        """Go on from what `arrays` gave. Raises KeyError or ValueError for anything else."""
+        Q = np.asarray(arrays["followed_Q"], np.float64).reshape(3, 3)
+        self.motion = Motion(Q, float(np.asarray(arrays["followed_rate_hz"], np.float64)))
+        self.ids = np.asarray(arrays["followed_ids"], np.uint32)
+        self.label = np.asarray(arrays["followed_label"], np.int64)
+        self._lost = np.asarray(arrays["followed_lost"], np.uint32)
+        self._tracks = Tracks.from_columns(*(arrays[f"followed_{name}"] for name in ("track_id", "t", "uv", "sigma")))
 
     @property
     def recurring(self) -> Ids:

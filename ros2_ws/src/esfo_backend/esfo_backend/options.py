@@ -15,7 +15,7 @@ class SpinRateOptions:
     fourier_window_s: float = option(
         0.02, "window of the mean x in s (paper, Table 2: FFT sampling window)", 0.001, 1.0
     )
-    min_overlap: float = option(0.25, "least share of the recording that two images a lag apart must cover", 0.05, 0.9)
+    min_overlap: float = option(0.08, "least share of the recording that two images a lag apart must cover", 0.05, 0.9)
     min_correlation: float = option(0.25, "least correlation of images one period apart", 0.0, 1.0)
     min_prominence: float = option(0.1, "least height of the correlation peak over the valleys beside it", 0.0, 1.0)
     harmonic_z: float = option(5.0, "significance in std by which a period must beat its fractions", 0.0)
@@ -87,9 +87,9 @@ class VerdictOptions:
 class LiveOptions:
     """When a live estimate is made anew, and from how much."""
 
-    min_turns: float = option(1.35, "turns that must have been seen before the first estimate", 0.1)
+    min_turns: float = option(1.08, "turns that must have been seen before the first estimate", 0.1)
     interval_s: float = option(0.1, "sensor time in s between two estimates", 0.01)
-    search_s: float = option(1.0, "sensor time in s between two searches while there is no estimate", 0.05)
+    search_s: float = option(0.5, "sensor time in s between two searches while there is no estimate", 0.05)
     max_tracks: int = option(500, "tracks that a live estimate is made from", 20)
 
 

@@ -26,6 +26,14 @@ _MOST_FEATURES = 512
 _MARGIN = 8
 """Bins: the shortest period, and the reach of the interpolation at the ends of the recording."""
 _LARGEST_HARMONIC = 12
+_AGREEMENT = 0.02
+"""Relative difference of two rates above which they are not the same: a period is read to a small part of that."""
+_VALLEY = 1.25
+_CLEARLY = 3.0
+"""Ratio of mismatches, 1 - r, that an activity which comes and goes cannot make."""
+_LEAST_MISMATCH = 0.05
+_WELL_SAMPLED = 32
+"""Bins of a lag above which the correlation may be read between two of them."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +60,10 @@ class SpinRate:
     correlation: float
     prominence: float
     harmonics: tuple[Harmonic, ...]
+
+    def agrees_with(self, rate_hz: float) -> bool:
+        """Whether another estimate, of rate_hz, is of the same period."""
+        return abs(rate_hz / self.rate_hz - 1) < _AGREEMENT
 
 
 def fourier_rate(activity: Activity, window_s: float) -> float:
@@ -99,7 +111,9 @@ def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRa
     lag, multiples = best, []
     shortest = float(peaks[0]) - 1  # before the first peak images are alike because little has moved
     for divisor in range(_LARGEST_HARMONIC, 1, -1):
-        if best / divisor >= shortest and _significance(features, best, best / divisor) < options.harmonic_z:
+        if best / divisor < shortest or _clearly_worse(r, best, best / divisor):
+            continue
+        if _significance(features, best, best / divisor) < options.harmonic_z:
             lag = best / divisor
             multiples = [Harmonic(in_hz / best, _correlation(r, best), 0.0)]
             break
@@ -162,10 +176,15 @@ def peaks_of(r: Vector) -> NDArray[np.int64]:
 
 
 def _prominence(r: Vector, lag: int) -> float:
-    """Height of r[lag] over the lowest point before it, or after it within one lag if that is higher."""
+    """Height of r[lag] over the lowest point before it, or after it within one lag if that is higher.
+
+    What comes after counts only where a quarter of the lag or more was seen of it: the valley may not have come yet.
+    """
     lag = min(lag, len(r) - 1)  # a peak at the end is interpolated to beyond it
     before, after = r[:lag].min(), r[lag : 2 * lag].min()
-    return float(r[lag] - (max(before, after) if after < r[lag] else before))
+    if len(r) < _VALLEY * lag or after >= r[lag]:
+        return float(r[lag] - before)
+    return float(r[lag] - max(before, after))
 
 
 def _significance(features: Matrix, lag: float, shorter: float) -> float:
@@ -183,6 +202,18 @@ def _significance(features: Matrix, lag: float, shorter: float) -> float:
     total, squares = _difference(np.ascontiguousarray(features), (_MARGIN, n), *_delay(lag), *_delay(shorter))
     spread = np.sqrt(2 * np.sqrt(np.pi) * coarse * squares)
     return float(total / spread) if spread > 0 else 0.0
+
+
+def _clearly_worse(r: Vector, lag: float, shorter: float) -> bool:
+    """Whether images `shorter` apart differ by more than noise, which is all by which images `lag` apart do.
+
+    Each is seen over its whole overlap: while little more than one turn was seen, `_significance` has few rows to
+    compare and finds nothing significant.
+    """
+    if shorter < _WELL_SAMPLED:
+        return False
+    noise = max(1 - _correlation(r, lag), _LEAST_MISMATCH)
+    return 1 - _correlation(r, shorter) > _CLEARLY * noise
 
 
 def _delay(lag: float) -> tuple[int, Vector]:

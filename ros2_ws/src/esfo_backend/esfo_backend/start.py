@@ -20,7 +20,7 @@ _TIE = 0.01
 """Relative cost below which two starts are the same optimum, reached to different depths."""
 
 _CERTAIN_RATIO = 2.0
-"""The direct start is certain when every other axis costs this many times as much: COLMAP could but find the same
+"""A start is certain when every other axis costs this many times as much: COLMAP could but find the same
 optimum once more. Tracks that follow no motion cost the same at every axis, so that many of them leave a doubt."""
 
 
@@ -37,6 +37,11 @@ class Start:
     colmap_note: str
     colmap: ColmapStart | None = None
 
+    @property
+    def certain(self) -> bool:
+        """Whether no second optimum comes near."""
+        return self.second is None or self.second.cost >= _CERTAIN_RATIO * self.adjusted.cost
+
 
 def choose_start(
     tracks: Tracks, obs: Observations, camera: Camera, rate_hz: float, options: BackendOptions, thorough: bool
@@ -52,8 +57,9 @@ def choose_start(
     if direct is not None:
         if method == "direct" or (method == "best" and not thorough):
             return _alone(direct, "COLMAP was not asked for")
-        if method == "best" and _certain(direct):
-            return _alone(direct, "COLMAP was not needed")
+        alone = _alone(direct, "COLMAP was not needed")
+        if method == "best" and alone.certain:
+            return alone
     second = direct.second if direct else None
     model: ColmapStart | None = None
     try:
@@ -73,10 +79,6 @@ def choose_start(
 
 def _alone(direct: DirectStart, note: str, model: ColmapStart | None = None) -> Start:
     return Start(direct.best, "direct", direct.second, note, model)
-
-
-def _certain(direct: DirectStart) -> bool:
-    return direct.second is None or direct.second.cost >= _CERTAIN_RATIO * direct.best.cost
 
 
 def _accepted(model: ColmapStart, rate_hz: float, options: BackendOptions) -> Motion:

@@ -6,26 +6,42 @@ A NumPy archive without pickled objects; `version` tells its form. Options are n
 from __future__ import annotations
 
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from esfo_backend.basis import Basis
 from esfo_backend.errors import StateError
+from esfo_backend.follow import Follower
 from esfo_backend.history import History
-from esfo_backend.options import MemoryOptions
+from esfo_backend.options import BackendOptions, MemoryOptions
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import EsfoError
 from esfo_core.tracks import Tracks, TrackUpdate
 
-VERSION = 1
+VERSION = 2
 
 Arrays = dict[str, NDArray[np.generic]]
 
 
-def save_state(path: Path, camera: Camera, history: History) -> None:
-    """Write camera and history. Raises StateError when the file cannot be written, ActivityError as `History.seen`."""
+@dataclass(frozen=True)
+class Following:
+    """What live estimates go on from: the follower with rows that wait for it, ns of the last estimate."""
+
+    basis: Basis
+    follower: Follower
+    news: Tracks
+    solved_until: int
+
+
+def save_state(path: Path, camera: Camera, history: History, following: Following | None) -> None:
+    """Write camera, history and what is followed, if anything is.
+
+    Raises StateError when the file cannot be written, ActivityError as `History.seen`.
+    """
     tracks = history.tracks()
     arrays: dict[str, ArrayLike] = {
         "version": VERSION,
@@ -44,6 +60,7 @@ def save_state(path: Path, camera: Camera, history: History) -> None:
         "begin": [] if history.begin is None else [history.begin],
         **_of_activity("coarse", history.coarse),
         **_of_activity("recent", history.recent()),
+        **_of_following(following),
     }
     try:
         with path.open("wb") as file:
@@ -52,7 +69,7 @@ def save_state(path: Path, camera: Camera, history: History) -> None:
         raise StateError(f"{path}: {error.strerror}") from error
 
 
-def load_state(path: Path, options: MemoryOptions) -> tuple[Camera, History]:
+def load_state(path: Path, options: BackendOptions) -> tuple[Camera, History, Following | None]:
     """Read what `save_state` wrote. Raises StateError for a file that is missing, damaged or of another version."""
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -65,7 +82,8 @@ def load_state(path: Path, options: MemoryOptions) -> tuple[Camera, History]:
     if version is None or version != VERSION:
         raise StateError(f"{path}: state of version {version}, this is version {VERSION}")
     try:
-        return _camera(arrays), _history(arrays, options)
+        camera = _camera(arrays)
+        return camera, _history(arrays, options.memory), _following(arrays, camera, options)
     except (KeyError, ValueError, IndexError, TypeError, EsfoError) as error:
         raise StateError(f"{path}: damaged state ({error})") from error
 
@@ -86,6 +104,21 @@ def _history(arrays: Arrays, options: MemoryOptions) -> History:
     tracks = Tracks.from_columns(*(arrays[name] for name in ("track_id", "t", "uv", "sigma")))
     history.add(TrackUpdate(tracks, np.empty(0, np.uint32)), _activity("recent", arrays))
     return history
+
+
+def _of_following(following: Following | None) -> dict[str, ArrayLike]:
+    if following is None:
+        return {}
+    followed = following.follower.arrays(following.news)
+    return {**following.basis.arrays(), **followed, "solved_until": following.solved_until}
+
+
+def _following(arrays: Arrays, camera: Camera, options: BackendOptions) -> Following | None:
+    if "solved_until" not in arrays:
+        return None
+    follower = Follower(camera, options)
+    follower.restore(arrays)
+    return Following(Basis.from_arrays(arrays), follower, Tracks.empty(), int(arrays["solved_until"]))
 
 
 def _of_activity(name: str, activity: Activity | None) -> dict[str, ArrayLike]:

@@ -71,7 +71,8 @@ class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
         """Compile all kernels and make the front-end."""
         self.get_logger().info("compiling")
         warm_up(self.options)
-        self._stream = LiveFrontend(self.options, self.live.camera_frame)
+        self._stream.camera_frame = self.live.camera_frame
+        self._stream.configure(self.options)
         self._kind: str | None = None
         self._asked: SubscriptionOptions | None = None
         self._spin: Spin | None = None
@@ -93,8 +94,8 @@ class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
         self._connecting = self.tick(CONNECT_S, self._connect)
 
     def clean_up(self) -> None:
-        """Forget the stream."""
-        self._stream = LiveFrontend(self.options)
+        """Forget the stream; ids of tracks go on, for a back-end may live longer."""
+        self._stream.reset()
         self._spin = self._camera = self._overlay = None
 
     def reconfigure(self) -> None:

@@ -7,5 +7,5 @@ ruff check --no-cache .
 mypy ros2_ws/src/esfo_{core,frontend,backend,bringup}/esfo_*
 # Versions of apt packages cannot be pinned (DL3008): the ROS archive keeps only the newest.
 hadolint --ignore DL3008 docker/Dockerfile
-check-jsonschema --quiet --builtin-schema vendor.compose-spec docker/compose.yaml
-check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/ci.yaml
+check-jsonschema --builtin-schema vendor.compose-spec docker/compose.yaml
+check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/ci.yaml

@@ -1,4 +1,4 @@
-"""The picture of a run: accumulated events with the axis drawn in, and the points seen from the side of the axis."""
+"""The pictures of a run: events with the axis drawn in, the structure about the axis, the spin rate over time."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from esfo_bringup.exposure import LONGEST_MOMENT_NS, Exposure
 from esfo_bringup.offline import RunResult
+from esfo_bringup.rate_course import RateCourse
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import NANOSECONDS, object_frame
@@ -19,6 +20,7 @@ from esfo_core.orbit import NANOSECONDS, object_frame
 mpl.use("Agg")
 
 _SNAPSHOT_TURN = 0.02
+_LEAST_RATE_RANGE = 0.002
 _AXIS_COLOUR = "#d62728"
 _POINT_COLOUR = "#2ca02c"
 
@@ -51,6 +53,35 @@ def draw_events(result: RunResult, camera: Camera, exposure: Exposure, path: Pat
     figure.savefig(path, dpi=100)
 
 
+def draw_checks(result: RunResult, course: RateCourse, path: Path) -> None:
+    """Draw the rate over time beside the estimate, and how well the points fit. The result has a motion."""
+    estimate, spin = result.estimate, result.estimate.spin
+    assert spin is not None
+    figure = Figure(figsize=(14.0, 3.4), layout="constrained")
+    rate, fit = figure.subplots(1, 2, width_ratios=[2.0, 1.0])
+    duration = (estimate.t_last - estimate.t_first) / NANOSECONDS
+    rate.plot(course.t_s, course.rate_hz, "o-", ms=4, lw=1, label="of the event stream, turn by turn")
+    t = np.array([0.0, duration])
+    line = np.full(2, spin.rate_hz)
+    if "rate_not_constant" in estimate.flags and np.isfinite(estimate.rate_slope_hz_s):
+        line += estimate.rate_slope_hz_s * (t - (spin.t0 - estimate.t_first) / NANOSECONDS)
+    rate.plot(t, line, color=_AXIS_COLOUR, label="estimate ± 3 standard deviations")
+    if np.isfinite(estimate.rate_std_hz):
+        rate.fill_between(
+            t, line - 3 * estimate.rate_std_hz, line + 3 * estimate.rate_std_hz, color=_AXIS_COLOUR, alpha=0.2
+        )
+    shown = np.concatenate([course.rate_hz, line])
+    least = _LEAST_RATE_RANGE * spin.rate_hz  # so that noise of the check does not fill the panel
+    rate.set_ylim(min(shown.min(), line.min() - least), max(shown.max(), line.max() + least))
+    rate.set_xlim(0.0, duration)
+    rate.ticklabel_format(axis="y", useOffset=False)
+    rate.set(title="spin rate over time", xlabel="time (s), middle of the turn", ylabel="Hz")
+    rate.legend()
+    fit.hist(estimate.point_rms_px, bins=40, color=_POINT_COLOUR)
+    fit.set(title="fit of the points", xlabel="reprojection error, RMS over a point's rows (px)", ylabel="points")
+    figure.savefig(path, dpi=100)
+
+
 def _image(panel: Axes, counts: NDArray[np.uint32], title: str) -> None:
     """Off events blue, on events red, on white; the brightest percent saturates."""
     strength = np.log1p(counts)
@@ -78,6 +109,6 @@ def _structure(panel: Axes, estimate: OrbitEstimate) -> None:
     panel.scatter(np.hypot(X[:, 0], X[:, 1]), X[:, 2], s=8, c=estimate.point_rows, cmap="viridis")
     panel.axvline(0, color=_AXIS_COLOUR, lw=2)
     panel.set_aspect("equal", adjustable="box")
-    panel.set_title(f"{len(estimate.points)} points")
+    panel.set_title(f"{len(estimate.points)} points, the light ones seen often")
     panel.set_xlabel("distance from the axis (orbit radii)")
     panel.set_ylabel("along the axis")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
@@ -20,24 +21,28 @@ td, th {{ padding: .2rem 1.2rem .2rem 0; text-align: left; vertical-align: top; 
 <h1>{title}</h1>
 <p>Status: <strong class="{status}">{status}</strong> {reason}</p>
 <table>{rows}</table>
-<p><img alt="Accumulated events with the spin axis" src="data:image/png;base64,{picture}"></p>
+<p><img alt="Accumulated events with the spin axis" src="{picture}"></p>
+{checks}
 {alternatives}
 <h2>Time</h2><table>{timing}</table>
+<p>{versions}</p>
 </body></html>
 """
 
 
-def write_report(result: RunResult, source: Source, folder: Path) -> None:
-    """Write `report.html`; reads `axis.png` from the same folder."""
+def write_report(result: RunResult, source: Source, versions: Mapping[str, str], folder: Path) -> None:
+    """Write `report.html`; reads `axis.png` and, where there is one, `checks.png` from the same folder."""
     estimate = result.estimate
     page = _PAGE.format(
         title=escape(f"Spin of {source.recording.path.name}"),
         status=estimate.status,
         reason=escape(estimate.reason),
         rows=_table(_facts(result, source)),
-        picture=base64.b64encode((folder / "axis.png").read_bytes()).decode(),
+        picture=_embedded(folder / "axis.png"),
+        checks=_checks(folder / "checks.png"),
         alternatives=_alternatives(estimate),
         timing=_table([(name, f"{seconds:.2f} s") for name, seconds in estimate.timing_s.items()]),
+        versions=escape(", ".join(f"{name} {version}" for name, version in versions.items())),
     )
     (folder / "report.html").write_text(page)
 
@@ -59,6 +64,22 @@ def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
     if e.flags:
         facts.append(("flags", ", ".join(e.flags)))
     return facts
+
+
+def _embedded(picture: Path) -> str:
+    return f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode()}"
+
+
+def _checks(picture: Path) -> str:
+    if not picture.exists():
+        return ""
+    return (
+        f'<h2>Checks</h2><p><img alt="Spin rate over time, fit of the points" src="{_embedded(picture)}"></p>'
+        "<p>Left: by the time that each moment of the event stream takes to come round again. No track, point or axis "
+        "goes into it. Single turns are less precise than the estimate, but a slope or a wave means that the motion is "
+        "not one constant spin. Right: points beyond a pixel or two are no fixed points of the object, or seen badly."
+        "</p>"
+    )
 
 
 def _alternatives(estimate: OrbitEstimate) -> str:

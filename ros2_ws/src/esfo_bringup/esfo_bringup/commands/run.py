@@ -12,6 +12,7 @@ from esfo_bringup.load_ahead import load_ahead
 from esfo_bringup.offline import BACKEND, Source, run_offline, track_offline
 from esfo_bringup.result_bag.opening import CONTENTS, ResultBag
 from esfo_bringup.settings import RunSettings
+from esfo_core.activity import Activity
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.pipelines import Statistics
@@ -44,15 +45,18 @@ def execute(args: argparse.Namespace) -> int:
         return _track(source, settings, args.output)
     load_ahead([BACKEND, _RESULTS])  # while the recording is read
     exposure = Exposure(source.recording.width, source.recording.height)
+    activity: list[Activity] = []
 
     def listen(events: EventArray, output: FrontendOutput) -> None:
         exposure.add(events)
         bag.add(events, output)
+        if output.activity is not None:
+            activity.append(output.activity)
 
     with ResultBag(args.output, source, args.bag) as bag:
         result = run_offline(source, settings, listen)
         bag.finish(result)
-        import_module(_RESULTS).write_results(result, source, exposure, args.output)
+        import_module(_RESULTS).write_results(result, source, exposure, activity, args.output)
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)

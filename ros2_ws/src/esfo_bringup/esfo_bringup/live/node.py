@@ -27,8 +27,10 @@ from esfo_bringup.errors import CommandError, error_line
 from esfo_bringup.exposure import Exposure
 from esfo_bringup.live.processes import NodeProcess, NodeProcesses
 from esfo_bringup.offline import RunResult, Source, with_source
+from esfo_bringup.result_bag.opening import bag_path
 from esfo_bringup.results import write_results
 from esfo_bringup.settings import share_out
+from esfo_core.activity import Activity
 from esfo_core.errors import EsfoError
 from esfo_core.options import parse_assignments
 from esfo_core.tracks import Tracks
@@ -48,10 +50,11 @@ class CollectorNode(Node):  # type: ignore[misc]
     def __init__(self, bar: tqdm[NoReturn]) -> None:
         super().__init__("collector")
         self.tracks: list[Tracks] = []
+        self.activity: list[Activity] = []
         self.orbit: OrbitEstimate | None = None
         self.orbits = 0
         self.points: PointCloud2 | None = None
-        self._bar, self._begin = bar, 0
+        self._bar = bar
         self.create_subscription(FeatureTracks, "feature_tracks", self._on_tracks, _EVERYTHING)
         self.create_subscription(EventActivity, "event_activity", self._on_activity, _EVERYTHING)
         self.create_subscription(OrbitEstimate, "orbit", self._on_orbit, _LATCHED)
@@ -66,8 +69,8 @@ class CollectorNode(Node):  # type: ignore[misc]
         self.tracks.append(messages.update_from(message).observations)
 
     def _on_activity(self, message: EventActivity) -> None:
-        self._begin = self._begin or message.t0
-        self._bar.update((message.t0 - self._begin) / 1e9 - self._bar.n)
+        self.activity.append(messages.activity_from(message))
+        self._bar.update((message.t0 - self.activity[0].t0) / 1e9 - self._bar.n)
 
     def _on_points(self, message: PointCloud2) -> None:
         self.points = message
@@ -109,8 +112,11 @@ class CollectorNode(Node):  # type: ignore[misc]
         return dict(word.split("=", 1) for word in message.split() if "=" in word)
 
 
-def run_live(source: Source, args: argparse.Namespace, folder: Path) -> RunResult:
-    """Play the recording through the graph. Raises CommandError when anything was lost or a node died."""
+def run_live(source: Source, args: argparse.Namespace, folder: Path) -> tuple[RunResult, list[Activity]]:
+    """Play the recording through the graph; return the result and what it was found from.
+
+    Raises CommandError when anything was lost or a node died.
+    """
     with (
         tqdm(desc="live", unit=" s", disable=None, bar_format="{desc}: {n:.1f} s of the recording | {elapsed}") as bar,
         NodeProcesses(folder) as processes,
@@ -122,7 +128,8 @@ def run_live(source: Source, args: argparse.Namespace, folder: Path) -> RunResul
         assert collector.orbit is not None
         estimate = messages.estimate_from(collector.orbit, collector.points)
         collector.destroy_node()
-    return RunResult(with_source(estimate, source), Tracks.concatenate(collector.tracks).sorted(), None, "")
+    tracks = Tracks.concatenate(collector.tracks).sorted()
+    return RunResult(with_source(estimate, source), tracks, None, ""), collector.activity
 
 
 def _start(source: Source, args: argparse.Namespace, folder: Path, processes: NodeProcesses) -> NodeProcess:
@@ -203,12 +210,14 @@ def main() -> int:
         rclpy.init(args=[])
         settings_of(args)
         source = source_of(args)
+        bag = bag_path(args.output, source)
         with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
-            result = run_live(source, args, Path(folder))
+            result, activity = run_live(source, args, Path(folder))
         exposure = Exposure(source.recording.width, source.recording.height)
         for events in source.recording.chunks():
             exposure.add(events)
-        write_results(result, source, exposure, args.output)
+        write_results(result, source, exposure, activity, args.output)
+        bag.unlink(missing_ok=True)  # of an earlier `esfo run`, with another result
         return report(result, args.output)
     except EsfoError as error:
         sys.stderr.write(error_line(error))

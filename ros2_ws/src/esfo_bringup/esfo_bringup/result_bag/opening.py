@@ -33,6 +33,14 @@ class _Piece(NamedTuple):
     health: Report | None
 
 
+def bag_path(folder: Path, source: Source) -> Path:
+    """Return the path of the bag among the results. Raises CommandError when the recording is this very file."""
+    path = folder / NAME
+    if path.resolve() == source.recording.path.resolve():
+        raise CommandError(f"{path} is the recording: choose another folder for the results")
+    return path
+
+
 class ResultBag:
     """The bag of one run, at `path`, written by a thread of its own while the run goes on.
 
@@ -43,11 +51,9 @@ class ResultBag:
     def __init__(self, folder: Path, source: Source, content: Content) -> None:
         """Begin the bag in the folder, which is made. content: what goes into it.
 
-        Raises CommandError when the recording that is read is this very file.
+        Raises CommandError as `bag_path`.
         """
-        self.path, self.problem = folder / NAME, ""
-        if self.path.resolve() == source.recording.path.resolve():
-            raise CommandError(f"{self.path} is the recording: choose another folder for the results")
+        self.path, self.problem = bag_path(folder, source), ""
         folder.mkdir(parents=True, exist_ok=True)
         self._source, self._content = source, content
         self._health = StreamHealth(source.recording)

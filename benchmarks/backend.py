@@ -21,7 +21,7 @@ from esfo_bringup.benchmark.orbit_accuracy import (
     TrueScene,
     measure_orbit,
     open_scene,
-    track_scene,
+    track,
 )
 from esfo_bringup.benchmark.orbit_table import HEADER, row_of, summarise
 from esfo_bringup.settings import settings_for
@@ -68,7 +68,7 @@ def tracked_of(scene: TrueScene, options: FrontendOptions, saved: Path, reuse: b
     """Track, or take the tracks of an earlier run."""
     if reuse and saved.exists():
         return load(saved)
-    tracked = track_scene(scene, options)
+    tracked = track(scene.recording.chunks(), scene.camera, options)
     save(tracked, saved)
     return tracked
 

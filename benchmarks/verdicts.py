@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions, StartOptions
+from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import angle_between
 from esfo_core.simulation.scene import MotionOptions, Scene, SceneOptions, simulate
-from esfo_frontend.frontend import Frontend
 
 Change = dict[str, object]
 
@@ -53,6 +52,17 @@ CASES: dict[str, list[Change]] = {
         },
         {"speed": "still", "duration_s": 2.0},
         {"object": "switch", "speed": "still", "duration_s": 3.0},
+        {"far": 1.3, "velocity_x_m_s": 0.0015},
+        {"object": "camera", "view": "sideon", "far": 1.3, "velocity_z_m_s": 0.004},
+        {"object": "tdrs", "view": "perpendicular", "nutation_deg": 2, "inertia_ratio": 0.8},
+        {
+            "object": "switch",
+            "speed": "still",
+            "duration_s": 2.0,
+            "far": 1.8,
+            "velocity_y_m_s": -0.04,
+            "velocity_z_m_s": 0.15,
+        },
     ],
     "rate_not_constant": [
         {"rate_slope_hz_s": -0.19},
@@ -70,6 +80,8 @@ CASES: dict[str, list[Change]] = {
         {"object": "camera", "revolutions": 0.6},
         {"object": "switch", "view": "topdown", "revolutions": 0.9},
         {"object": "dualshock", "view": "sideon", "revolutions": 0.9},
+        {"object": "soho", "view": "sideon", "revolutions": 0.7},
+        {"object": "tdrs", "view": "perpendicular", "revolutions": 0.95},
     ],
     "axis_unobservable": [
         {"view": "custom", "elevation_deg": 88.0, "roll_deg": 20.0},
@@ -100,14 +112,8 @@ def still(options: SceneOptions) -> SceneOptions:
 
 def solve(scene: Scene) -> OrbitEstimate:
     """Run the pipeline, without COLMAP, which decides no verdict."""
-    frontend = Frontend(scene.camera.width, scene.camera.height)
-    backend = Backend(scene.camera, BackendOptions(start=StartOptions(method="direct")))
-    for events in scene.chunks():
-        output = frontend.process(events)
-        backend.add(output.tracks, output.activity)
-    output = frontend.flush()
-    backend.add(output.tracks, output.activity)
-    return backend.solve()
+    options = BackendOptions(start=StartOptions(method="direct"))
+    return backend_of(track(scene.chunks(), scene.camera), scene.camera, options).solve()
 
 
 def main() -> None:

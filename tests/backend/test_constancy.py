@@ -5,11 +5,13 @@ import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjust import adjust, linear_points
-from esfo_backend.constancy import constancy
-from esfo_backend.no_period import why_no_period
+from esfo_backend.constancy import Constancy, constancy, widened
+from esfo_backend.covariance import MotionCovariance
+from esfo_backend.no_period import _ends, translation_spread, why_no_period
 from esfo_backend.options import VerdictOptions
 from esfo_backend.problem import motion_from_axis, observations
-from esfo_core.orbit import NANOSECONDS, rotation
+from esfo_backend.structure import recurring_points, repeatable_points
+from esfo_core.orbit import NANOSECONDS, angle_between, rotation
 from esfo_core.tracks import Tracks
 
 AXIS = unit(0.3, -0.8, 0.4)
@@ -49,6 +51,8 @@ def test_a_body_that_moves_on_misses_its_place(change):
     assert found.missed_px > LIMITS.max_missed_px
     if "shift_px_s" in change:  # a turn takes two seconds
         assert found.missed_px == pytest.approx(2.0, rel=0.35)
+    # The ball has a radius of 0.35 of its distance, so of at most 300 px in the image; most of it is nearer the middle.
+    assert 1 / 300 < 2 * np.pi * found.missed_turns / found.missed_px < 3 / 300
 
 
 def test_an_axis_that_turns_away_wanders():
@@ -68,6 +72,53 @@ def test_too_little_data_says_nothing():
     scene = tracks_of(spin(AXIS), noise_px=0.3, points=8)
     found = measured(scene.tracks)
     assert found.wander_z == 0.0
+
+
+def test_deviations_are_widened_by_what_was_measured():
+    cov = MotionCovariance(3e-3, np.diag([1e-4, 4e-4]))
+    same = widened(cov, Constancy(0.0, 0.0, 0.0, 0.0, 0.0), 2.0, 0.0)
+    assert same.rate_std_hz == pytest.approx(3e-3)
+    np.testing.assert_allclose(same.axis_cov, cov.axis_cov)
+    wide = widened(cov, Constancy(np.degrees(0.03), 9.0, 1.0, 9.0, 2e-3), 2.0, 0.04)
+    assert wide.rate_std_hz == pytest.approx(5e-3)  # of 3e-3 and 2 Hz times 2e-3 turns
+    np.testing.assert_allclose(wide.axis_cov, cov.axis_cov + 0.0025 * np.eye(2))
+
+
+def test_widened_deviations_cover_what_a_slow_slide_does():
+    """Slides of 0.3 to 1 px per second in any direction, small enough for points to be recognised turn after turn."""
+    z_rate, z_axis = [], []
+    rng = np.random.default_rng(0)
+    for seed in range(8):
+        scene = tracks_of(spin(AXIS), noise_px=0.3, points=150, seed=seed)
+        angle, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 1.0)
+        s = ((scene.tracks.t - scene.tracks.t.min()) / NANOSECONDS)[:, None]
+        uv = scene.tracks.uv + speed * s * [np.cos(angle), np.sin(angle)]
+        tracks = Tracks(scene.tracks.track_id, scene.tracks.t, uv.astype(np.float32), scene.tracks.sigma)
+        obs, ids = observations(tracks, CAMERA, 4)
+        obs = obs.regroup(np.unique(scene.point_of_track[ids], return_inverse=True)[1].astype(np.int64))
+        start = motion_from_axis(AXIS, scene.spin.center, 0.5)
+        solution = adjust(start, linear_points(start, obs), obs, 1.0)
+        found = constancy(solution, obs, 1.0, 0.25)
+        nothing = MotionCovariance(0.0, np.zeros((2, 2)))
+        wide = widened(nothing, found, solution.motion.rate_hz, found.missed_px * 2.0 / (2 * 800.0))
+        z_rate.append(abs(solution.motion.rate_hz - 0.5) / wide.rate_std_hz)
+        z_axis.append(np.radians(angle_between(solution.motion.axis, AXIS)) / np.sqrt(wide.axis_cov[0, 0]))
+    assert max(z_rate) < 3
+    assert max(z_axis) < 3.5
+
+
+def test_points_that_could_be_seen_again():
+    scene = tracks_of(spin(AXIS), duration_s=3.0, points=120)  # one turn and a half
+    obs, ids = observations(scene.tracks, CAMERA, 4)
+    truth = scene.point_of_track[ids]
+    begin, end = obs.rows.dt.min(), obs.rows.dt.max()
+    rows = np.split(obs.rows.dt, obs.rows.first[1:-1])
+    expected = sum(any(dt + 2.0 <= end or dt - 2.0 >= begin for dt in row) for row in rows)
+    assert repeatable_points(obs, 0.5) == expected < obs.points
+    merged = obs.regroup(np.unique(truth, return_inverse=True)[1].astype(np.int64))
+    assert recurring_points(merged, 0.5) <= repeatable_points(merged, 0.5)
+    assert repeatable_points(obs, 2.0) == obs.points
+    assert repeatable_points(obs, 0.1) == 0
 
 
 def straight(count, velocity_px_s, duration_s=2.0, seed=0):
@@ -91,3 +142,30 @@ def test_why_there_is_no_period():
     assert "translation" in slides.reason
     assert "0 tracks move" in still.reason
     assert (part.flag, much.flag) == ("too_few_turns", "not_a_rotation")
+
+
+@pytest.mark.parametrize("velocity", [(0.1, 0.05, -0.4), (0.0, 0.1, 0.6), (0.0, 0.0, -0.3), (0.3, 0.0, 0.0)])
+def test_a_translation_in_any_direction_is_one(velocity):
+    """A body 2 units away and 0.3 deep that slides across, away or nearer, by up to six tenths of its distance."""
+    tracks = translating(np.array(velocity), depth=0.3)
+    found = why_no_period(tracks, 2.0, 10)
+    assert found.flag == "not_a_rotation"
+    assert "translation" in found.reason
+    assert translation_spread(_ends(translating(np.array(velocity), depth=0.0, noise_px=0.0))) < 1e-3
+
+
+@pytest.mark.parametrize("turns", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("axis", [AXIS, unit(0, 1, 0), unit(0.1, 0.05, 4.0)])
+def test_part_of_a_turn_is_no_translation(axis, turns):
+    scene = tracks_of(spin(axis), duration_s=2 * turns, noise_px=0.3)
+    assert translation_spread(_ends(scene.tracks)) > 0.2
+    assert why_no_period(scene.tracks, 2 * turns, 10).flag == "too_few_turns"
+
+
+def translating(velocity, depth, noise_px=0.2, count=40, seed=1):
+    rng = np.random.default_rng(seed)
+    s = np.arange(0, 2.0, 0.05)
+    X = np.array([0.0, 0.0, 2.0]) + rng.uniform(-0.5, 0.5, (count, 1, 3)) * [0.6, 0.5, depth] + velocity * s[:, None]
+    uv = CAMERA.project(X.reshape(-1, 3)) + rng.normal(0, noise_px, (count * len(s), 2))
+    t = np.tile((1e9 + s * 1e9).astype(np.int64), count)
+    return Tracks.from_columns(np.repeat(np.arange(count), len(s)), t, uv, np.full(len(uv), 0.3))

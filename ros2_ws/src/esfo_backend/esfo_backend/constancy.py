@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from esfo_backend.adjust import Adjusted, adjust, linear_points
+from esfo_backend.covariance import MotionCovariance
 from esfo_backend.nuisance import COLUMNS, MOTION, gauss_newton, reduced_equations
 from esfo_backend.problem import Observations
 from esfo_core.orbit import Matrix, Vector
@@ -39,13 +40,26 @@ class Constancy:
 
     wander_deg: standard deviation of the orientation of the orbit over segments, beyond what their deviations explain.
     wander_z: its significance. missed_px: by how much the image one turn later is shifted or grown; missed_z: its
-    significance. Significances are in standard deviations; 0 where the data cannot say.
+    significance. missed_turns: the part of a turn that would move a point at the object's image radius as far.
+    Significances are in standard deviations; 0 where the data cannot say.
     """
 
     wander_deg: float
     wander_z: float
     missed_px: float
     missed_z: float
+    missed_turns: float
+
+
+def widened(covariance: MotionCovariance, motion: Constancy, rate_hz: float, view_rad: float) -> MotionCovariance:
+    """Add what a motion that is not quite one rotation leaves open.
+
+    A shift of the image from turn to turn may be taken for an error of the rate; and while the object moves on, it is
+    seen from elsewhere, as if its axis turned: by view_rad, radians, to either side of the mean over the recording.
+    """
+    rate_std = float(np.hypot(covariance.rate_std_hz, rate_hz * motion.missed_turns))
+    turned = np.radians(motion.wander_deg) ** 2 + view_rad**2
+    return MotionCovariance(rate_std, covariance.axis_cov + turned * np.eye(2))
 
 
 def constancy(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float) -> Constancy:
@@ -53,8 +67,8 @@ def constancy(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: 
     return Constancy(*_wander(solution, obs, cauchy_px, bias_px), *_missed(obs, solution.motion.rate_hz))
 
 
-def _missed(obs: Observations, rate_hz: float) -> tuple[float, float]:
-    """Set each point seen beside the one seen nearest to it one turn later.
+def _missed(obs: Observations, rate_hz: float) -> tuple[float, float, float]:
+    """Return missed_px, missed_z, missed_turns: set each point seen beside the one seen nearest to it one turn later.
 
     The displacements are fitted (Cauchy, 1 px) by a shift, a growth and a delay along the motion; the delay is an error
     of the rate, and not counted.
@@ -62,22 +76,24 @@ def _missed(obs: Observations, rate_hz: float) -> tuple[float, float]:
     px, velocity, time, point = _at_common_times(obs, rate_hz)
     apart = 10 * _PAIR_PX * time  # of another time is out of reach
     if len(time) < _LEAST_PAIRS:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     later = np.column_stack([px, apart + 10 * _PAIR_PX * _TIMES_PER_TURN])
     distance, found = cKDTree(np.column_stack([px, apart])).query(later, distance_upper_bound=_PAIR_PX)
     k = np.flatnonzero(np.isfinite(distance))
     if len(k) < _LEAST_PAIRS:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     moved = px[found[k]] - px[k]
     place = px[k] - np.median(px[k], axis=0)
     design = np.zeros((len(k), 2, 4))
     design[:, 0, 0] = design[:, 1, 1] = 1.0
-    design[:, :, 2] = place / max(float(np.sqrt((place**2).sum(axis=1).mean())), 1e-9)
+    radius = max(float(np.sqrt((place**2).sum(axis=1).mean())), 1e-9)
+    design[:, :, 2] = place / radius
     design[:, :, 3] = velocity[k] / max(float(np.median(np.linalg.norm(velocity[k], axis=1))), 1e-9)
     fitted, covariance = _robust_fit(design, moved, point[k])
     missed = fitted[:3]
     squared = float(missed @ np.linalg.pinv(covariance[:3, :3], hermitian=True) @ missed)
-    return float(np.linalg.norm(missed)), _significance(squared, 3)
+    missed_px = float(np.linalg.norm(missed))
+    return missed_px, _significance(squared, 3), missed_px / (2 * np.pi * radius)
 
 
 def _at_common_times(obs: Observations, rate_hz: float) -> tuple[Matrix, Matrix, NDArray[np.int64], NDArray[np.int64]]:

@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from esfo_core.orbit import NANOSECONDS, Matrix, Vector
+from esfo_core.orbit import NANOSECONDS, Matrix
 from esfo_core.tracks import Tracks
 
 _LEAST_ROWS = 4
 _MOVES_PX = 3.0
-_SAME_VELOCITY = 0.1
-"""Points of a spinning object move at every speed from nothing, at its rim, to the largest."""
+_MOST, _SAME_VELOCITY = 0.9, 0.15
+"""Of the tracks nine tenths, within 15 %: points of a body in translation differ by its depth over its distance; those
+of a spinning one move at every speed from next to nothing, near its rim, to the largest."""
 _ONE_TURN = 1.0
+_NEARER, _FARTHER = -0.9, 3.0
+"""Changes of the distance over the recording, relative, among which a translation is searched."""
+_DISTANCES = 40
 
 
 @dataclass(frozen=True)
@@ -30,17 +35,19 @@ def why_no_period(tracks: Tracks, duration_s: float, min_points: int) -> NoPerio
     A point of a spinning object moves by at most 2 pi times the image radius of the object in a turn; so the typical
     speed gives a number of turns that must have been seen, were it a rotation.
     """
-    path, velocity = _motions(tracks)
-    moving = path > _MOVES_PX
+    ends = _ends(tracks)
+    moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MOVES_PX
     if moving.sum() < min_points:
         return NoPeriod(f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "not_a_rotation")
-    typical = np.median(velocity[moving], axis=0)
-    spread = float(np.median(np.linalg.norm(velocity[moving] - typical, axis=1)) / np.linalg.norm(typical))
+    ends = Ends(ends.uv[:, moving], ends.s[:, moving])
+    spread = translation_spread(ends)
     if spread < _SAME_VELOCITY:
-        return NoPeriod(f"all tracks move alike (velocities within {spread:.0%}): a translation", "not_a_rotation")
+        return NoPeriod(
+            f"{_MOST:.0%} of the tracks move as in a translation, within {spread:.0%} of their speed", "not_a_rotation"
+        )
     place = tracks.uv - np.median(tracks.uv, axis=0)
     radius = float(np.quantile(np.linalg.norm(place, axis=1), 0.9))
-    turns = float(np.median(np.linalg.norm(velocity[moving], axis=1))) * duration_s / (2 * np.pi * max(radius, 1.0))
+    turns = ends.speed * duration_s / (2 * np.pi * max(radius, 1.0))
     if turns >= _ONE_TURN:
         return NoPeriod(
             f"a rotation that moves like this would have turned {turns:.1f} times or more", "not_a_rotation"
@@ -48,12 +55,53 @@ def why_no_period(tracks: Tracks, duration_s: float, min_points: int) -> NoPerio
     return NoPeriod("less than a turn may have been seen", "too_few_turns")
 
 
-def _motions(tracks: Tracks) -> tuple[Vector, Matrix]:
-    """Way from first to last row, px, (M,), and mean velocity, px/s, (M, 2), of every track that has some rows."""
+@dataclass(frozen=True)
+class Ends:
+    """First and last rows of M tracks: uv (2, M, 2) px, and s (2, M), seconds since the first of all."""
+
+    uv: Matrix
+    s: Matrix
+
+    @property
+    def velocity(self) -> Matrix:
+        """Mean velocity (M, 2), px/s."""
+        return np.asarray((self.uv[1] - self.uv[0]) / (self.s[1] - self.s[0])[:, None])
+
+    @property
+    def speed(self) -> float:
+        """Median speed, px/s."""
+        return float(np.median(np.linalg.norm(self.velocity, axis=1)))
+
+
+def translation_spread(ends: Ends) -> float:
+    """Distance of nine tenths of the velocities from those of a body in translation, relative to the median speed.
+
+    The velocity is constant in space. Seen from the camera, a point at X + T t is at x(t) with x (1 + c t) = x0 + a t,
+    a and c common to points of one depth; c is the change of the depth per second, relative. So between the rows of a
+    track dx + c d(x t) = a dt, and for a given c, a is a median.
+    """
+    length = float(ends.s.max())
+    middle, dt = ends.s.mean(axis=0), ends.s[1] - ends.s[0]
+    growth = (ends.uv[1] * ends.s[1, :, None] - ends.uv[0] * ends.s[0, :, None]) / dt[:, None]
+
+    def off(c: float) -> float:
+        a = ends.velocity + c * growth
+        return float(np.quantile(np.linalg.norm(a - np.median(a, axis=0), axis=1) / (1 + c * middle), _MOST))
+
+    changes = np.linspace(_NEARER, _FARTHER, _DISTANCES) / length
+    best = changes[np.argmin([off(c) for c in changes])]
+    step = changes[1] - changes[0]
+    found = minimize_scalar(off, bounds=(max(best - step, changes[0]), best + step), method="bounded")
+    return float(min(found.fun, off(best))) / ends.speed
+
+
+def _ends(tracks: Tracks) -> Ends:
+    """Of every track that has some rows."""
     ordered = tracks.sorted()
     _, first, count = np.unique(ordered.track_id, return_index=True, return_counts=True)
     enough = count >= _LEAST_ROWS
-    begin, end = first[enough], (first + count - 1)[enough]
-    way = (ordered.uv[end] - ordered.uv[begin]).astype(np.float64)
-    seconds = (ordered.t[end] - ordered.t[begin]) / NANOSECONDS
-    return np.linalg.norm(way, axis=1), way / np.maximum(seconds, 1e-9)[:, None]
+    rows = np.stack([first[enough], (first + count - 1)[enough]])
+    s = (ordered.t - ordered.t.min(initial=np.iinfo(np.int64).max)) / NANOSECONDS
+    seconds: Matrix = s[rows]
+    seconds[1] = np.maximum(seconds[1], seconds[0] + 1e-9)
+    return Ends(ordered.uv[rows].astype(np.float64), seconds)

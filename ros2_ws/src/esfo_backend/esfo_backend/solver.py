@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_backend.changing_rate import ChangingRate, bent, changing_rate
-from esfo_backend.constancy import constancy
+from esfo_backend.constancy import constancy, widened
 from esfo_backend.covariance import motion_covariance
 from esfo_backend.direct import mean_direction
 from esfo_backend.drift import RateDrift, rate_drift
@@ -24,8 +24,8 @@ from esfo_backend.reidentify import point_rms
 from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.structure import Structure, build_structure, prune, recurring_points
-from esfo_backend.verdict import Evidence, judge
+from esfo_backend.structure import Structure, build_structure, prune, recurring_points, repeatable_points
+from esfo_backend.verdict import Evidence, judge, unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import Alternative, OrbitEstimate
@@ -57,6 +57,7 @@ class Solver:
         self.last_start: Start | None = None
         self.found: Found | None = None
         self.rate_hz: float | None = None
+        self._bent_s = 0.0  # length of the stream when a quick search last looked for a rate that changes
 
     def search(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
         """Estimate from nothing but the data; a failure says why there is none. thorough: as in `Backend.solve`."""
@@ -86,56 +87,69 @@ class Solver:
             with watch.stage("spin_rate"):
                 rate = correlation_rate(activity, self.options.rate)
         except BackendError as error:
-            return self._solve_changing(tracks, activity, watch, error)
+            return self._solve_changing(tracks, activity, watch, thorough, error)
         try:
             first = self._solve_at(rate, None, tracks, activity, watch, thorough)
-        except BackendError:
-            other = self._second_opinion(rate, tracks, activity, watch)
-            if other is None:
-                raise
-            return other
+        except BackendError as error:
+            other = self._second_opinion(rate, tracks, activity, watch, thorough)
+            if isinstance(other, OrbitEstimate):
+                return other
+            self.rate_hz = rate.rate_hz
+            raise (other or error) from error
         if _is_one_rotation(first):
             return first
         kept = self.found
-        other = self._second_opinion(rate, tracks, activity, watch)
-        if other is None:
-            self.found, self.rate_hz = kept, rate.rate_hz
-        return other or first
+        other = self._second_opinion(rate, tracks, activity, watch, thorough)
+        if isinstance(other, OrbitEstimate):
+            return other
+        self.found, self.rate_hz = kept, rate.rate_hz
+        return first
 
     def _second_opinion(
-        self, rate: SpinRate, tracks: Tracks, activity: Activity, watch: Stopwatch
-    ) -> OrbitEstimate | None:
-        """Try the periods of which the first one is a fraction, then a rate that changes; None: nothing better."""
+        self, rate: SpinRate, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool
+    ) -> OrbitEstimate | BackendError | None:
+        """Try the periods of which the first one is a fraction, then a rate that changes; None: nothing better.
+
+        An error says that the rate changes, and why there is no estimate all the same; it is not one where that period is
+        not confirmed either.
+        """
         for slower in (replace(rate, rate_hz=h.rate_hz) for h in rate.harmonics if h.rate_hz < rate.rate_hz):
             with suppress(BackendError):
                 found = self._solve_at(slower, None, tracks, activity, watch, False)
                 if found.status == "ok":
                     return found
-        with suppress(BackendError):
-            found = self._solve_changing(tracks, activity, watch, None)
-            if found.status != "failed" and "not_a_rotation" not in found.flags:
-                return found
-        return None
+        try:
+            found = self._solve_changing(tracks, activity, watch, thorough, None)
+        except BackendError as error:
+            changes = "rate_not_constant" in error.flags and not {"too_few_turns", "not_a_rotation"} & set(error.flags)
+            return error if changes else None
+        return None if found.status == "failed" or "not_a_rotation" in found.flags else found
 
     def _solve_changing(
-        self, tracks: Tracks, activity: Activity, watch: Stopwatch, error: BackendError | None
+        self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool, error: BackendError | None
     ) -> OrbitEstimate:
         """Solve for a rate that changes evenly. error: why there is no constant one; raised anew with its cause."""
-        duration_s = (activity.end - activity.t0) / NANOSECONDS
         try:
             with watch.stage("spin_rate"):
-                changing = changing_rate(activity, self.options.rate)
+                changing = self._changing_rate(activity, thorough)
         except BackendError:
             if error is None:
                 raise
-            why = why_no_period(tracks, duration_s, self.options.verdict.min_points)
-            raise BackendError(f"{error}; {why.reason}", why.flag) from error
+            raise self._no_period(str(error), tracks, activity) from error
         if error is None and abs(changing.slope) < self.options.verdict.drift_z * changing.slope_std:
             raise BackendError(f"the rate is constant: {changing.slope:+.5f} +- {changing.slope_std:.5f} Hz per second")
         try:
             return self._solve_at(changing.rate, changing, tracks, activity, watch, False)
         except BackendError as later:
             raise BackendError(f"{changing}; {later}", "rate_not_constant", *later.flags) from later
+
+    def _changing_rate(self, activity: Activity, thorough: bool) -> ChangingRate:
+        """Look for a rate that changes. It takes long: a quick search does so when the stream has doubled in length."""
+        seconds = (activity.end - activity.t0) / NANOSECONDS
+        if not thorough and self._bent_s <= seconds < 2 * self._bent_s:
+            raise BackendError("no rate that changes was looked for")
+        self._bent_s = seconds
+        return changing_rate(activity, self.options.rate)
 
     def _solve_at(
         self,
@@ -167,8 +181,34 @@ class Solver:
                 structure.solution, structure.obs, options.graph.cauchy_px, options.graph.iterations
             )
         structure = replace(structure, solution=result.adjusted)
+        if changing is None and options.rate.method == "correlation":
+            of_tracks = result.adjusted.motion.rate_hz
+            if not rate.agrees_with(of_tracks):
+                disagree = (
+                    f"the tracks turn at {of_tracks:.4f} Hz, but the event stream repeats at {rate.rate_hz:.4f} Hz"
+                )
+                raise self._no_period(disagree, tracks, activity)
         self.found = None if changing else Found(rate, start, structure, ids, turns)
-        return self.estimate(structure, result, rate, changing, start, span, watch)
+        estimate = self.estimate(structure, result, rate, changing, start, span, watch)
+        if (
+            estimate.status == "failed"
+            and not estimate.flags
+            and unconfirmed(self._recurring(structure), options.verdict)
+        ):
+            raise self._no_period(estimate.reason, tracks, activity)
+        return estimate
+
+    def _no_period(self, found: str, tracks: Tracks, activity: Activity) -> BackendError:
+        """Error of a stream without a period, or with one that no track confirms; its cause by how they move."""
+        duration_s = (activity.end - activity.t0) / NANOSECONDS
+        why = why_no_period(tracks, duration_s, self.options.verdict.min_points)
+        return BackendError(f"{found}; {why.reason}", why.flag)
+
+    def _recurring(self, structure: Structure) -> int | None:
+        """Points seen again, None where nobody looked for them."""
+        if not self.options.reidentification.enabled:
+            return None
+        return recurring_points(structure.obs, structure.solution.motion.rate_hz)
 
     def estimate(
         self,
@@ -193,6 +233,7 @@ class Solver:
         errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
         alternatives = _alternatives(rate, start)
         inliers = label >= 0
+        motion = constancy(solution, obs, *noise)
         verdict = judge(
             Evidence(
                 solution.motion.rate_hz,
@@ -200,17 +241,21 @@ class Solver:
                 mean_direction(obs),
                 covariance,
                 obs.points,
-                recurring_points(obs, solution.motion.rate_hz) if self.options.reidentification.enabled else None,
+                self._recurring(structure),
+                repeatable_points(obs, solution.motion.rate_hz),
                 float(inliers.mean()),
                 alternatives,
                 min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
                 drift,
-                constancy(solution, obs, *noise),
+                motion,
                 revolutions,
                 duration_s,
             ),
             self.options.verdict,
         )
+        if "not_a_rotation" in verdict.flags:
+            view_rad = motion.missed_px * revolutions / (2 * float(obs.rows.focal.mean()))
+            covariance = widened(covariance, motion, solution.motion.rate_hz, view_rad)
         spin, points = spin_and_points(solution.motion, solution.y, obs.t_ref, changing.middle if changing else span[0])
         estimate = OrbitEstimate(
             status=verdict.status,

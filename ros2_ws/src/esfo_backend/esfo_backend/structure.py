@@ -70,6 +70,13 @@ def prune(structure: Structure, options: BackendOptions) -> Structure:
     return structure
 
 
+def repeatable_points(obs: Observations, rate_hz: float) -> int:
+    """Number of points that were seen a turn or more before the end, or after the beginning, of the observations."""
+    dt, first = obs.rows.dt, obs.rows.first
+    again = (dt[first[:-1]] <= dt.max() - 1 / rate_hz) | (dt[first[1:] - 1] >= dt.min() + 1 / rate_hz)
+    return int(again.sum())
+
+
 def recurring_points(obs: Observations, rate_hz: float) -> int:
     """Number of points that were seen again after half a turn or more without being seen."""
     dt, first = obs.rows.dt, obs.rows.first

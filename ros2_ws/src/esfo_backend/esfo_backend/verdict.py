@@ -15,14 +15,16 @@ from esfo_core.orbit import Vector, angle_between
 
 _RATE_STD_LIMIT = 0.02
 _HARMONIC_Z = 10.0
+_MOST = 0.5
 
 
 @dataclass(frozen=True)
 class Evidence:
     """What the verdict looks at.
 
-    recurring: points seen again after half a turn or more, None where tracks were not re-identified. inliers: share of
-    tracks that follow the motion. revolutions: turns seen. duration_s: length of the data.
+    recurring: points seen again after half a turn or more, None where tracks were not re-identified; repeatable: those
+    that could have been. inliers: share of tracks that follow the motion. revolutions: turns seen. duration_s: length
+    of the data.
     """
 
     rate_hz: float
@@ -31,6 +33,7 @@ class Evidence:
     covariance: MotionCovariance
     points: int
     recurring: int | None
+    repeatable: int
     inliers: float
     alternatives: tuple[Alternative, ...]
     harmonic_z: float
@@ -55,9 +58,13 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     The first of several doubts gives the reason; a failure is explained by it.
     """
     doubts = _doubts(evidence, options)
+    if unconfirmed(evidence.recurring, options):  # doubts about a motion that turns at another rate say nothing
+        doubts = [doubt for doubt in doubts if doubt[0] == "too_few_turns"]
     flags = [flag for flag, _ in doubts]
     reason = doubts[0][1] if doubts else ""
     failure, cause = _failure(evidence, options)
+    if not failure and "not_a_rotation" in flags and _moves_on(evidence):
+        failure = f"only {evidence.recurring} of {evidence.repeatable} points came round again"
     if failure:
         named = (*flags, cause) if cause and cause not in flags else tuple(flags)
         return Verdict("failed", named, f"{failure}; {reason}" if reason else failure)
@@ -67,6 +74,11 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     if any(a.kind != "harmonic" and a.score_ratio < options.mirror_ratio for a in evidence.alternatives):
         flags.append("mirror_ambiguous")
     return Verdict("degenerate" if doubts else "ok", tuple(flags), reason)
+
+
+def unconfirmed(recurring: int | None, options: VerdictOptions) -> bool:
+    """Whether too few points came round again to take the period for one. recurring: as in `Evidence`."""
+    return recurring is not None and recurring < options.min_recurring
 
 
 def rate_changes(drift: RateDrift, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
@@ -99,6 +111,11 @@ def _doubts(evidence: Evidence, options: VerdictOptions) -> list[tuple[str, str]
     return [*found, ("axis_unobservable", doubt)] if doubt else found
 
 
+def _moves_on(evidence: Evidence) -> bool:
+    """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
+    return evidence.recurring is not None and evidence.recurring < _MOST * evidence.repeatable
+
+
 def _axis_doubt(evidence: Evidence, options: VerdictOptions) -> str:
     if not np.isfinite(evidence.covariance.axis_cov).all():
         return ""
@@ -113,7 +130,7 @@ def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
     """Why there is no estimate, and the flag of that; empty where there is one."""
     if evidence.points < options.min_points:
         return f"only {evidence.points} points follow one rotation; {options.min_points} are needed", "too_few_points"
-    if evidence.recurring is not None and evidence.recurring < options.min_recurring:
+    if unconfirmed(evidence.recurring, options):
         return f"only {evidence.recurring} points came round again; {options.min_recurring} are needed", ""
     if evidence.inliers < options.min_inliers:
         return (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import trimesh
 
 from esfo_backend.backend import Backend
+from esfo_backend.options import BackendOptions
 from esfo_backend.problem import observations, spin_and_points
 from esfo_bringup.errors import CommandError
 from esfo_bringup.offline import open_source
@@ -20,6 +22,7 @@ from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.evaluation import compare, spin_of
+from esfo_core.events import EventArray
 from esfo_core.orbit import Matrix, Spin, tangent_basis
 from esfo_core.recordings import Recording
 from esfo_core.registration import RegistrationError, Surface, register
@@ -136,25 +139,31 @@ def open_scene(path: Path) -> TrueScene:
     )
 
 
-def track_scene(scene: TrueScene, options: FrontendOptions) -> TrackedScene:
-    """Run the front-end over the recording. Raises CommandError for one that is too short for a bin of activity."""
-    frontend = Frontend(scene.camera.width, scene.camera.height, options)
+def track(chunks: Iterable[EventArray], camera: Camera, options: FrontendOptions | None = None) -> TrackedScene:
+    """Run the front-end over events. Raises CommandError where there is none."""
+    frontend = Frontend(camera.width, camera.height, options or FrontendOptions())
     begin = time.process_time()
-    outputs = [frontend.process(events) for events in scene.recording.chunks()]
+    outputs = [frontend.process(events) for events in chunks]
     outputs.append(frontend.flush())
     seconds = time.process_time() - begin
     activity = [output.activity for output in outputs if output.activity is not None]
     if not activity:
-        raise CommandError(f"{scene.recording.path}: no events")
+        raise CommandError("no events")
     return TrackedScene(
         Tracks.concatenate(output.tracks.observations for output in outputs), Activity.concatenate(activity), seconds
     )
 
 
+def backend_of(tracked: TrackedScene, camera: Camera, options: BackendOptions | None = None) -> Backend:
+    """Return a back-end that has received everything."""
+    backend = Backend(camera, options)
+    backend.add(TrackUpdate(tracked.tracks, np.empty(0, np.uint32)), tracked.activity)
+    return backend
+
+
 def measure_orbit(scene: TrueScene, preset: str, settings: RunSettings, tracked: TrackedScene) -> OrbitResult:
     """Solve and set the result beside the truth. preset: how the result is to be called."""
-    backend = Backend(scene.camera, settings.backend)
-    backend.add(TrackUpdate(tracked.tracks, np.empty(0, np.uint32)), tracked.activity)
+    backend = backend_of(tracked, scene.camera, settings.backend)
     begin = time.perf_counter()
     estimate = backend.solve()
     seconds = (tracked.seconds, time.perf_counter() - begin)

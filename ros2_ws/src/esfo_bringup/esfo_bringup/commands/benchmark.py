@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from esfo_bringup.benchmark import orbit_table, throughput, track_accuracy
-from esfo_bringup.benchmark.orbit_accuracy import OrbitResult, find_scenes, measure_orbit, open_scene, track_scene
+from esfo_bringup.benchmark.orbit_accuracy import OrbitResult, find_scenes, measure_orbit, open_scene, track
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
@@ -60,7 +60,8 @@ def _topspin(args: argparse.Namespace) -> int:
         for path in paths:
             scene = open_scene(path)
             for preset, settings in presets.items():
-                yield measure_orbit(scene, preset, settings, track_scene(scene, settings.frontend))
+                tracked = track(scene.recording.chunks(), scene.camera, settings.frontend)
+                yield measure_orbit(scene, preset, settings, tracked)
 
     results = _printed(args, orbit_table.HEADER, measured(), orbit_table.row_of)
     summaries = [orbit_table.summarise(results, preset) for preset in presets]

@@ -18,3 +18,4 @@ fi
 run esfo live demo/scene.mcap -o demo
 run esfo evaluate demo --truth demo/scene.truth.json --max-rate-error 0.5 --max-axis-error 1
 echo "See demo/axis.png and demo/report.html; demo/orbit.json and demo/points.ply are for programs."
+echo "For Foxglove: esfo run demo/scene.mcap -o demo/offline writes demo/offline/result.mcap, all topics over the recording."

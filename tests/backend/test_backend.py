@@ -56,6 +56,18 @@ def test_reidentification_sharpens_the_rate():
     assert len(merged.points) < 0.5 * len(alone.points)
 
 
+def test_tracks_may_contradict_the_event_stream():
+    scene = tracks_of(spin(AXIS), noise_px=0.5)
+    for rate_hz, status in ((0.5, "ok"), (0.515, "failed")):
+        backend = Backend(CAMERA, DIRECT)
+        backend.add(
+            TrackUpdate(scene.tracks, NONE_ENDED), synthetic_activity(spin(AXIS, rate_hz), scene.points, CAMERA, 4.0)
+        )
+        estimate = backend.solve()
+        assert estimate.status == status, estimate.reason
+    assert "the tracks turn at 0.5" in estimate.reason
+
+
 def test_colmap_is_used_where_it_serves():
     scene = tracks_of(spin(AXIS), points=150, noise_px=0.5)
     backend = backend_for(scene, options=replace(BackendOptions(), {"start.method": "both"}))

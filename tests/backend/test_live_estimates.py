@@ -166,8 +166,8 @@ def test_a_saved_stream_goes_on_as_if_nothing_had_been(half_hertz, tmp_path):
         assert np.array_equal(a.points, b.points)
 
 
-def test_a_saved_stream_is_followed_at_once(half_hertz, tmp_path):
-    _, _, pieces = half_hertz
+def test_a_saved_stream_is_followed_at_once(tmp_path):
+    _, _, pieces = stream(0.5, 6.0, outliers=0.25)
     whole = Backend(CAMERA, DIRECT)
     for piece in pieces[:45]:
         whole.update(*piece)

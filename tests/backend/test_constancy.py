@@ -76,10 +76,10 @@ def test_too_little_data_says_nothing():
 
 def test_deviations_are_widened_by_what_was_measured():
     cov = MotionCovariance(3e-3, np.diag([1e-4, 4e-4]))
-    same = widened(cov, Constancy(0.0, 0.0, 0.0, 0.0, 0.0), 2.0, 0.0)
+    same = widened(cov, Constancy(1.0, 3.9, 1.0, 3.9, 2e-3), 2.0, 0.04, 4.0)
     assert same.rate_std_hz == pytest.approx(3e-3)
     np.testing.assert_allclose(same.axis_cov, cov.axis_cov)
-    wide = widened(cov, Constancy(np.degrees(0.03), 9.0, 1.0, 9.0, 2e-3), 2.0, 0.04)
+    wide = widened(cov, Constancy(np.degrees(0.03), 9.0, 2.0, 9.0, 2e-3), 2.0, 0.02, 4.0)
     assert wide.rate_std_hz == pytest.approx(5e-3)  # of 3e-3 and 2 Hz times 2e-3 turns
     np.testing.assert_allclose(wide.axis_cov, cov.axis_cov + 0.0025 * np.eye(2))
 
@@ -100,7 +100,7 @@ def test_widened_deviations_cover_what_a_slow_slide_does():
         solution = adjust(start, linear_points(start, obs), obs, 1.0)
         found = constancy(solution, obs, 1.0, 0.25)
         nothing = MotionCovariance(0.0, np.zeros((2, 2)))
-        wide = widened(nothing, found, solution.motion.rate_hz, found.missed_px * 2.0 / (2 * 800.0))
+        wide = widened(nothing, found, solution.motion.rate_hz, 2.0 / (2 * 800.0), LIMITS.constancy_z)
         z_rate.append(abs(solution.motion.rate_hz - 0.5) / wide.rate_std_hz)
         z_axis.append(np.radians(angle_between(solution.motion.axis, AXIS)) / np.sqrt(wide.axis_cov[0, 0]))
     assert max(z_rate) < 3

@@ -51,14 +51,19 @@ class Constancy:
     missed_turns: float
 
 
-def widened(covariance: MotionCovariance, motion: Constancy, rate_hz: float, view_rad: float) -> MotionCovariance:
-    """Add what a motion that is not quite one rotation leaves open.
+def widened(
+    covariance: MotionCovariance, motion: Constancy, rate_hz: float, turns_rad: float, least_z: float
+) -> MotionCovariance:
+    """Add what a motion that is not quite one rotation leaves open, by what is significant to least_z.
 
     A shift of the image from turn to turn may be taken for an error of the rate; and while the object moves on, it is
-    seen from elsewhere, as if its axis turned: by view_rad, radians, to either side of the mean over the recording.
+    seen from elsewhere, as if its axis turned. turns_rad: by how many radians to either side of the mean over the
+    recording for each pixel that it shifts in a turn, that is half the turns over the focal length.
     """
-    rate_std = float(np.hypot(covariance.rate_std_hz, rate_hz * motion.missed_turns))
-    turned = np.radians(motion.wander_deg) ** 2 + view_rad**2
+    wander_deg = motion.wander_deg if motion.wander_z > least_z else 0.0
+    missed_px, missed_turns = (motion.missed_px, motion.missed_turns) if motion.missed_z > least_z else (0.0, 0.0)
+    rate_std = float(np.hypot(covariance.rate_std_hz, rate_hz * missed_turns))
+    turned = np.radians(wander_deg) ** 2 + (turns_rad * missed_px) ** 2
     return MotionCovariance(rate_std, covariance.axis_cov + turned * np.eye(2))
 
 

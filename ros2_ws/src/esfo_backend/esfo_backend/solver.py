@@ -110,8 +110,8 @@ class Solver:
     ) -> OrbitEstimate | BackendError | None:
         """Try the periods of which the first one is a fraction, then a rate that changes; None: nothing better.
 
-        An error says that the rate changes, and why there is no estimate all the same; it is not one where that period is
-        not confirmed either.
+        An error says that the rate changes, and why there is no estimate all the same; where that period is not
+        confirmed either it says nothing.
         """
         for slower in (replace(rate, rate_hz=h.rate_hz) for h in rate.harmonics if h.rate_hz < rate.rate_hz):
             with suppress(BackendError):
@@ -253,9 +253,8 @@ class Solver:
             ),
             self.options.verdict,
         )
-        if "not_a_rotation" in verdict.flags:
-            view_rad = motion.missed_px * revolutions / (2 * float(obs.rows.focal.mean()))
-            covariance = widened(covariance, motion, solution.motion.rate_hz, view_rad)
+        turns_rad = revolutions / (2 * float(obs.rows.focal.mean()))
+        covariance = widened(covariance, motion, solution.motion.rate_hz, turns_rad, self.options.verdict.constancy_z)
         spin, points = spin_and_points(solution.motion, solution.y, obs.t_ref, changing.middle if changing else span[0])
         estimate = OrbitEstimate(
             status=verdict.status,

@@ -61,6 +61,16 @@ def bag(folder):
     return found
 
 
+def test_the_report_has_all_pictures(folder):
+    page = (folder / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    orbit = json.loads((folder / "orbit.json").read_text())
+    assert f"{orbit['spin_rate_hz']:.6f} Hz" in page
+    assert f"{orbit['spin_rate_slope_hz_s']:+.2e} Hz/s" in page
+    assert "in orbit radii" in page
+    assert orbit["versions"]["numba"] in page
+
+
 def documented_topics():
     """Topics of docs/interfaces.md that a node publishes: name, type, and whether latched, with the depth."""
     topics = {"/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False, 10)}

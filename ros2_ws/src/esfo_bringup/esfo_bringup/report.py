@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -54,8 +55,9 @@ def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
         axis, center = (", ".join(f"{v:+.4f}" for v in a) for a in (e.spin.axis, e.spin.center))
         facts += [
             ("spin rate", f"{e.spin.rate_hz:.6f} Hz ± {e.rate_std_hz:.6f} ({60 * e.spin.rate_hz:.3f} rpm)"),
+            *_slope(e),
             ("axis", f"({axis}) ± {e.axis_std_deg:.3f}°, camera optical frame, right-handed with the spin"),
-            ("centre", f"({center}), in units of the orbit radius ({e.scale})"),
+            ("centre", f"({center}), in {'orbit radii' if e.scale == 'unit' else 'metres'}"),
             ("points", f"{len(e.points)} from {e.tracks} tracks and {e.observations} observations"),
             ("turns seen", f"{e.revolutions:.2f}"),
             ("reprojection error", f"{e.rms_px:.2f} px RMS"),
@@ -64,6 +66,12 @@ def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
     if e.flags:
         facts.append(("flags", ", ".join(e.flags)))
     return facts
+
+
+def _slope(e: OrbitEstimate) -> list[tuple[str, str]]:
+    if not math.isfinite(e.rate_slope_hz_s):
+        return []
+    return [("its change", f"{e.rate_slope_hz_s:+.2e} Hz/s ± {e.rate_slope_std_hz_s:.1e}")]
 
 
 def _embedded(picture: Path) -> str:

@@ -72,10 +72,12 @@ def test_the_report_has_all_pictures(folder):
 
 
 def documented_topics():
-    """Topics of docs/interfaces.md that a node publishes: name, type, and whether latched, with the depth."""
+    """Topics of docs/interfaces.md that a run through the nodes publishes: name, type, whether latched, and depth."""
     topics = {"/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", False, 10)}
     for row in DOCUMENT.read_text().splitlines():
-        match = re.match(r"\| `(\S+)` \| `(\w+)/(\w+)` \| [\w]+ -> \| (reliable.*keep last (\d+)) \|", row)
+        match = re.match(
+            r"\| `(\S+)` \| `(\w+)/(\w+)` \| (?:frontend|backend|replay) -> \| (reliable.*keep last (\d+)) \|", row
+        )
         if match:
             name, package, kind, qos, depth = match.groups()
             topics["/" + name.lstrip("/")] = (f"{package}/msg/{kind}", "latched" in qos, int(depth))

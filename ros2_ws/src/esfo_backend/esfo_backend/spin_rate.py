@@ -28,6 +28,8 @@ _MARGIN = 8
 _LARGEST_HARMONIC = 12
 _AGREEMENT = 0.02
 """Relative difference of two rates above which they are not the same: a period is read to a small part of that."""
+_REFINING_OVERLAP = 0.25
+"""Share of the recording that images several periods apart must cover, for the period to be read from them."""
 _VALLEY = 1.25
 _CLEARLY = 3.0
 """Ratio of mismatches, 1 - r, that an activity which comes and goes cannot make."""
@@ -129,7 +131,8 @@ def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRa
         if lag / k >= shortest
     ]
     considered = sorted((h for h in multiples + fractions if h.correlation > 0), key=lambda h: -h.correlation)
-    return SpinRate(in_hz / _refine(features, r, lag, longest), correlation, prominence, tuple(considered))
+    well_covered = min(longest, int(len(features) * (1 - _REFINING_OVERLAP)))
+    return SpinRate(in_hz / _refine(features, r, lag, well_covered), correlation, prominence, tuple(considered))
 
 
 def counts_of(activity: Activity) -> Matrix:

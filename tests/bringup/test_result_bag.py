@@ -3,7 +3,6 @@
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,21 +11,13 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from esfo_bringup import offline
 from esfo_bringup.cli import main
-from esfo_bringup.offline import open_source, run_offline
 from esfo_bringup.replay.messages import packet_message
 from esfo_bringup.replay.player import packets
-from esfo_bringup.result_bag import opening
 from esfo_bringup.result_bag.cdr import serialise
-from esfo_bringup.settings import settings_for
 from esfo_core.activity import Activity
-from esfo_core.camera import Camera
-from esfo_core.errors import RecordingError
-from esfo_core.events import make_events
 from esfo_core.orbit import Spin, object_frame
-from esfo_core.recordings import open_recording, write_mcap
-from esfo_core.recordings.bag_writer import BagWriter
+from esfo_core.recordings import open_recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.overlay import BACKGROUND, COLOURS, HEAD, LINE, TRAIL
 
@@ -232,108 +223,6 @@ def test_the_recording_is_not_overwritten(folder, capsys):
     before = (folder / "result.mcap").read_bytes()
     assert main(["run", str(folder / "result.mcap"), "-o", str(folder), "--bag", "no-events"]) == 1
     assert "choose another folder" in capsys.readouterr().err
+    assert main(["live", str(folder / "result.mcap"), "-o", str(folder)]) == 1
+    assert "choose another folder" in capsys.readouterr().err
     assert (folder / "result.mcap").read_bytes() == before
-
-
-@pytest.fixture
-def noise(tmp_path):
-    """Half a second in which nothing moves: no orbit, and no time lost."""
-    rng = np.random.default_rng(0)
-    t = 10**9 + np.sort(rng.integers(0, 500_000_000, 4000))
-    path = tmp_path / "noise.mcap"
-    columns = rng.integers(0, 64, 4000), rng.integers(0, 48, 4000), rng.integers(0, 2, 4000)
-    write_mcap(path, [make_events(*columns, t)], Camera.pinhole(64, 48, 80.0))
-    return path
-
-
-def topics_with_messages(path):
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-        return {summary.channels[n].topic for n, k in summary.statistics.channel_message_counts.items() if k}
-
-
-def test_without_an_orbit_there_is_no_motion(noise):
-    out = noise.parent / "out"
-    assert main(["run", str(noise), "-o", str(out)]) == 1
-    topics = topics_with_messages(out / "result.mcap")
-    assert not topics & {"/tf", "/points", "/spin_rate"}
-    assert topics >= {"/orbit", "/markers", "/events", "/overlay", "/event_activity", "/camera_info"}
-    with AnyReader([out / "result.mcap"]) as reader:
-        orbits = [reader.deserialize(d, c.msgtype) for c, _, d in reader.messages() if c.topic == "/orbit"]
-    assert [o.status for o in orbits] == [2, 2]
-    assert orbits[0].reason
-
-
-def test_a_guessed_camera_is_not_handed_on(noise):
-    source = open_source(noise, None)
-    guess = SimpleNamespace(recording=source.recording, camera=source.camera, assumed=True)
-    out = noise.parent / "out"
-    with opening.ResultBag(out, guess, "all") as bag:
-        bag.finish(run_offline(source, settings_for("default", {}), bag.add))
-    assert "/camera_info" not in topics_with_messages(out / "result.mcap")
-
-
-def test_events_or_all_can_be_left_out(noise):
-    out = noise.parent / "out"
-    main(["run", str(noise), "-o", str(out), "--bag", "no-events"])
-    topics = topics_with_messages(out / "result.mcap")
-    assert "/events" not in topics
-    assert "/overlay" in topics
-    main(["run", str(noise), "-o", str(out), "--bag", "none"])
-    assert not (out / "result.mcap").exists()
-    assert (out / "orbit.json").exists()
-
-
-def test_without_ros_the_command_says_so_and_does_the_rest(noise, monkeypatch, capsys):
-    out = noise.parent / "out"
-    main(["run", str(noise), "-o", str(out)])
-    assert (out / "result.mcap").exists()
-    (out / "orbit.json").unlink()
-
-    def refuse(name):
-        raise ModuleNotFoundError(f"No module named {name!r}")
-
-    monkeypatch.setattr(opening, "import_module", refuse)
-    capsys.readouterr()
-    main(["run", str(noise), "-o", str(out)])
-    (line,) = [line for line in capsys.readouterr().out.splitlines() if "result.mcap" in line]
-    assert line.startswith("not written")
-    assert "No module named" in line
-    assert (out / "orbit.json").exists()
-    assert not (out / "result.mcap").exists()  # that of the earlier run would pass for this one's
-
-
-@pytest.mark.parametrize("calls", [3, 200])
-def test_a_full_disk_ends_the_bag_not_the_run(noise, monkeypatch, capsys, calls):
-    real, count = BagWriter.write, iter(range(10**9))
-
-    def write(self, *arguments):
-        if next(count) > calls:
-            raise RecordingError(f"{self._path}: No space left on device")
-        real(self, *arguments)
-
-    monkeypatch.setattr(BagWriter, "write", write)
-    out = noise.parent / "out"
-    assert main(["run", str(noise), "-o", str(out)]) == 1
-    assert "not written" in capsys.readouterr().out
-    assert (out / "orbit.json").exists()
-    assert not list(out.glob("result.mcap*"))
-
-
-def test_a_bug_while_writing_is_not_hidden(noise, monkeypatch):
-    def write(self, *arguments):
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(BagWriter, "write", write)
-    with pytest.raises(ZeroDivisionError):
-        main(["run", str(noise), "-o", str(noise.parent / "out")])
-
-
-def test_a_run_that_fails_leaves_no_bag(noise, monkeypatch):
-    def fail(self, events):
-        raise RecordingError("torn")
-
-    monkeypatch.setattr(offline.Frontend, "process", fail)
-    out = noise.parent / "out"
-    assert main(["run", str(noise), "-o", str(out)]) == 1
-    assert list(out.iterdir()) == []

@@ -35,6 +35,8 @@ def offline(scene):
 @pytest.fixture(scope="module")
 def live(scene, session_domain):
     folder = scene.parent / "live"
+    folder.mkdir()
+    (folder / "result.mcap").touch()  # as of an earlier `esfo run`
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(session_domain),
@@ -73,6 +75,11 @@ def test_live_and_offline_agree(offline, live):
     for timed in (a, b):
         del timed["timing_s"]
     assert a == b
+
+
+def test_a_live_run_leaves_no_bag_of_another_run(live, offline):
+    assert not (live / "result.mcap").exists()
+    assert (offline / "result.mcap").exists()
 
 
 def test_points_lie_on_the_object(offline, scene):

@@ -10,6 +10,7 @@ import sys
 
 from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, settings_of, source_of
 from esfo_bringup.errors import CommandError
+from esfo_bringup.result_bag.opening import bag_path
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -32,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     if importlib.util.find_spec("rclpy") is None:
         raise CommandError("ROS 2 is not in this environment: source a Jazzy install, or use make setup")
     settings_of(args)
-    source_of(args)
+    bag_path(args.output, source_of(args))
     check_output(args.output)
     if not args.rate >= 0:
         raise CommandError(f"--rate is {args.rate}; it takes 0 or more")

@@ -23,7 +23,7 @@ Content = Literal["all", "no-events", "none"]
 CONTENTS: tuple[Content, ...] = ("all", "no-events", "none")
 NAME = "result.mcap"
 
-_MOST_WAITING = 500
+_MOST_WAITING = 200
 """Chunks that may wait for the bag; then the run waits."""
 
 

@@ -10,14 +10,15 @@ pytest.importorskip("esfo_msgs.msg", reason="the messages are not built: make se
 import dvs_msgs.msg
 import prophesee_event_msgs.msg
 import spinning_squares
-from camera_driver import CameraDriver
+from camera_driver import CameraDriver, camera_info
 from esfo_msgs import msg
 from graph import BACKEND, FRONTEND, REPLAY, executable
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from listener import LATCHED
 from rcl_interfaces.srv import DescribeParameters
-from sensor_msgs.msg import PointCloud2
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -322,3 +323,20 @@ def test_events_of_an_unknown_type_are_named(listener, start):
     listener.until(lambda: warned(listener, "/frontend", "events are sensor_msgs/msg/PointCloud2; known: event_camera"))
     listener.node.destroy_publisher(publisher)
     listener.until(lambda: well(listener, "/frontend"))
+
+
+@pytest.mark.parametrize("durability", [DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE])
+def test_a_calibration_is_taken_from_publishers_that_latch_and_that_do_not(durability, listener, start):
+    start(executable(*BACKEND))
+    publisher = listener.node.create_publisher(CameraInfo, "camera_info", QoSProfile(depth=1, durability=durability))
+    listener.until(lambda: warned(listener, "/backend", "no camera_info yet"))
+    listener.until(publisher.get_subscription_count)
+    publisher.publish(camera_info())
+    listener.until(lambda: well(listener, "/backend"))
+
+
+def test_quality_of_service_can_be_overridden_and_a_mismatch_with_a_listener_is_named(listener, start):
+    start(executable(*BACKEND), "--ros-args", "-p", "qos_overrides./points.publisher.reliability:=best_effort")
+    listener.listen(PointCloud2, "points", 10)
+    says = "points does not reach listener: it is published best effort and asked for reliably"
+    listener.until(lambda: warned(listener, "/backend", says))

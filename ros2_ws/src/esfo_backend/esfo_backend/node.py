@@ -90,7 +90,7 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
 
     def activate(self) -> None:
         """Take in tracks and activity."""
-        self.subscribe(CAMERA_INFO, self._on_camera)
+        self.subscribe_latched_or_not(CAMERA_INFO, self._on_camera)
         self.subscribe(TRACKS, self._on_tracks)
         self.subscribe(ACTIVITY, self._on_activity)
         self._turning = self.tick(TF_PERIOD_S, self._turn, self.get_clock())
@@ -177,7 +177,7 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         header = Header(stamp=to_stamp(stamp), frame_id=self._camera_frame)
         for topic, message in messages.estimate_messages(estimate, header, self.live.object_frame):
             self.publish(topic, message)
-        if spin is not None and self._turning.is_canceled():
+        if spin is not None and self.state == "active" and self._turning.is_canceled():
             self._turning.reset()
         self._spin, self._estimate = spin, estimate
         self._turn(stamp)  # the clock of a recording may have stopped

@@ -90,7 +90,7 @@ class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
         self._stream.resume()
         self.tick(DRAW_S, self._draw)
         self.subscribe(ORBIT, self._on_orbit)
-        self.subscribe(CAMERA_INFO, self._on_camera)
+        self.subscribe_latched_or_not(CAMERA_INFO, self._on_camera)
         self._connecting = self.tick(CONNECT_S, self._connect)
 
     def clean_up(self) -> None:

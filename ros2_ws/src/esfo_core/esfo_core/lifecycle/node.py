@@ -19,7 +19,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSPolicyKind, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 from std_srvs.srv import Trigger
 
@@ -69,6 +69,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self.check(self.options)
         self._error: Exception | None = None
         self._inputs: dict[str, tuple[Any, QoSProfile]] = {}
+        self._latched: list[Any] = []
         self._outputs: dict[str, Any] = {}
         self._triggers: list[Any] = []
         self._ticks: list[Any] = []
@@ -137,6 +138,19 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
             partial(self.create_subscription, topic.kind, topic.name, callback, profile, raw=raw), overrides
         )
         self._inputs[topic.name] = (subscription, profile)
+
+    def subscribe_latched_or_not(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        """Subscribe to a latched topic so that publishers which do not latch are heard too, from now on.
+
+        What a latched publisher sends later comes twice.
+        """
+        self.subscribe(topic, callback)
+        subscription, profile = self._inputs[topic.name]
+        volatile = copy(profile)
+        volatile.durability = DurabilityPolicy.VOLATILE
+        # This one connects with whatever the first does: it alone is looked at for ends that do not match.
+        self._inputs[topic.name] = (self.create_subscription(topic.kind, topic.name, callback, volatile), volatile)
+        self._latched.append(subscription)
 
     def unsubscribe(self, name: str) -> None:
         """End a subscription, if there is one."""
@@ -249,13 +263,16 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self.activate()
 
     def _halt(self) -> None:
+        if self.worker is not None:
+            self.worker.stop()  # the first, since it may use what is destroyed next
         for timer in self._ticks:
             self.destroy_timer(timer)
         self._ticks.clear()
         for name in list(self._inputs):
             self.unsubscribe(name)
-        if self.worker is not None:
-            self.worker.stop()
+        for subscription in self._latched:
+            self.destroy_subscription(subscription)
+        self._latched.clear()
 
     def _free(self) -> None:
         self._halt()

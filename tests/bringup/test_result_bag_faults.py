@@ -98,6 +98,7 @@ def test_a_full_disk_ends_the_bag_not_the_run(noise, monkeypatch, capsys, calls)
         real(self, *arguments)
 
     monkeypatch.setattr(BagWriter, "write", write)
+    monkeypatch.setattr(opening, "_MOST_WAITING", 2)  # the run must not wait for a bag that takes nothing any more
     out = noise.parent / "out"
     assert main(["run", str(noise), "-o", str(out)]) == 1
     assert "not written" in capsys.readouterr().out

@@ -8,7 +8,7 @@ from scenes import CAMERA, spin, unit
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
-from esfo_backend.spin_rate import _delay, _difference, correlation_rate, fourier_rate
+from esfo_backend.spin_rate import _clearly_worse, _delay, _difference, correlation_rate, fourier_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import rotation
 from esfo_core.simulation.activity import synthetic_activity
@@ -95,3 +95,23 @@ def test_a_peak_at_the_longest_lag_is_no_crash():
         walk = np.abs(np.cumsum(np.random.default_rng(seed).normal(size=(60, 2, 2, 2)), axis=0)).astype(np.uint16)
         with contextlib.suppress(BackendError):
             assert correlation_rate(Activity(0, 5_000_000, 32, walk), SpinRateOptions()).rate_hz > 0
+
+
+@pytest.mark.parametrize("alike", [0, 40, 55])
+@pytest.mark.parametrize(("rate_hz", "turns"), [(0.25, 1.09), (0.25, 1.2), (1.0, 1.12), (2.0, 1.2)])
+def test_little_more_than_a_turn_is_enough_whatever_half_a_turn_looks_like(rate_hz, turns, alike):
+    """`alike`: how many of 60 points have another one opposite to them."""
+    axis = unit(0.3, -0.8, 0.4)
+    points = ball(60)
+    both = np.concatenate([points, points[:alike] @ rotation(axis, np.pi).T])
+    activity = synthetic_activity(spin(axis, rate_hz), both, CAMERA, turns / rate_hz)
+    assert correlation_rate(activity, SpinRateOptions()).rate_hz == pytest.approx(rate_hz, rel=0.01)
+
+
+def test_a_mismatch_three_times_as_large_is_clearly_worse():
+    lags = np.arange(401)
+    for at_half, worse in ((0.93, False), (0.86, False), (0.8, True), (0.3, True)):
+        r = np.interp(lags, [0, 50, 100, 150, 200, 400], [1.0, 0.0, at_half, 0.0, 0.94, 0.0])
+        assert _clearly_worse(r, 200.0, 100.0) == worse
+    # Too few bins to read a narrow peak between two of them: nothing is said.
+    assert not _clearly_worse(r, 40.0, 20.0)

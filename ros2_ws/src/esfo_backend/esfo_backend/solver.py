@@ -21,7 +21,7 @@ from esfo_backend.options import BackendOptions
 from esfo_backend.problem import observations, spin_and_points
 from esfo_backend.projection import row_errors
 from esfo_backend.reidentify import point_rms
-from esfo_backend.spin_rate import SpinRate, correlation_rate, fourier_rate
+from esfo_backend.spin_rate import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
 from esfo_backend.stopwatch import Stopwatch
 from esfo_backend.structure import Structure, build_structure, prune, recurring_points, repeatable_points
@@ -108,16 +108,20 @@ class Solver:
     def _second_opinion(
         self, rate: SpinRate, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool
     ) -> OrbitEstimate | BackendError | None:
-        """Try the periods of which the first one is a fraction, then a rate that changes; None: nothing better.
+        """Try the multiples of the period, then a rate that changes; None: nothing better.
 
         An error says that the rate changes, and why there is no estimate all the same; where that period is not
         confirmed either it says nothing.
         """
-        for slower in (replace(rate, rate_hz=h.rate_hz) for h in rate.harmonics if h.rate_hz < rate.rate_hz):
+        best = None
+        for slower in _slower(rate, thorough):
             with suppress(BackendError):
                 found = self._solve_at(slower, None, tracks, activity, watch, False)
-                if found.status == "ok":
-                    return found
+                if found.status == "ok" and (best is None or found.observations > best[0].observations):
+                    best = found, self.found, self.last_start, slower.rate_hz
+        if best is not None:
+            found, self.found, self.last_start, self.rate_hz = best
+            return found
         try:
             found = self._solve_changing(tracks, activity, watch, thorough, None)
         except BackendError as error:
@@ -290,6 +294,18 @@ class Solver:
             alternatives=alternatives,
             timing_s=watch.seconds,
         )
+
+
+def _slower(rate: SpinRate, thorough: bool) -> list[SpinRate]:
+    """Multiples of a period, those first that the stream has shown; the others are tried in a thorough search alone.
+
+    An object that is symmetric about its axis looks the same after part of a turn, and only its tracks know how many
+    such parts make one: as many as the most of them follow.
+    """
+    shown = [h.rate_hz for h in rate.harmonics if h.rate_hz < rate.rate_hz]
+    others = [rate.rate_hz / k for k in range(2, LARGEST_HARMONIC + 1)] if thorough else []
+    equal = Harmonic(rate.rate_hz, rate.correlation, 0.0)
+    return [replace(rate, rate_hz=slower, harmonics=(equal, *rate.harmonics)) for slower in (*shown, *others)]
 
 
 def _is_one_rotation(estimate: OrbitEstimate) -> bool:

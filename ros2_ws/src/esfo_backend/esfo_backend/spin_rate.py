@@ -25,7 +25,7 @@ _MOST_FEATURES = 512
 """Cells and polarities that take part, the most variable ones: the rest of a large sensor holds little but noise."""
 _MARGIN = 8
 """Bins: the shortest period, and the reach of the interpolation at the ends of the recording."""
-_LARGEST_HARMONIC = 12
+LARGEST_HARMONIC = 12
 _AGREEMENT = 0.02
 """Relative difference of two rates above which they are not the same: a period is read to a small part of that."""
 _REFINING_OVERLAP = 0.25
@@ -112,7 +112,7 @@ def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRa
     in_hz = NANOSECONDS / bin_ns
     lag, multiples = best, []
     shortest = float(peaks[0]) - 1  # before the first peak images are alike because little has moved
-    for divisor in range(_LARGEST_HARMONIC, 1, -1):
+    for divisor in range(LARGEST_HARMONIC, 1, -1):
         if best / divisor < shortest or _clearly_worse(r, best, best / divisor):
             continue
         if _significance(features, best, best / divisor) < options.harmonic_z:
@@ -127,7 +127,7 @@ def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRa
         )
     fractions = [
         Harmonic(k * in_hz / lag, _correlation(r, lag / k), _significance(features, lag, lag / k))
-        for k in range(2, _LARGEST_HARMONIC + 1)
+        for k in range(2, LARGEST_HARMONIC + 1)
         if lag / k >= shortest
     ]
     considered = sorted((h for h in multiples + fractions if h.correlation > 0), key=lambda h: -h.correlation)

@@ -58,13 +58,15 @@ def test_a_guessed_camera_is_not_handed_on(noise):
     assert "/camera_info" not in topics_with_messages(out / "result.mcap")
 
 
-def test_events_or_all_can_be_left_out(noise):
+def test_events_or_all_can_be_left_out(noise, capsys):
     out = noise.parent / "out"
     main(["run", str(noise), "-o", str(out), "--bag", "no-events"])
+    assert "report.html, result.mcap\n" in capsys.readouterr().out
     topics = topics_with_messages(out / "result.mcap")
     assert "/events" not in topics
     assert "/overlay" in topics
     main(["run", str(noise), "-o", str(out), "--bag", "none"])
+    assert "result.mcap" not in capsys.readouterr().out
     assert not (out / "result.mcap").exists()
     assert (out / "orbit.json").exists()
 

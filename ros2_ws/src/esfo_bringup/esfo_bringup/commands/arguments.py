@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from esfo_bringup.commands.reading import add_assignments, add_recording
@@ -46,11 +47,11 @@ def check_output(folder: Path) -> None:
         raise CommandError(f"{parent} cannot be written to")
 
 
-def report(result: RunResult, folder: Path) -> int:
-    """Print the result; the exit code is 0 for `ok` and 1, with one line of reason, otherwise."""
+def report(result: RunResult, folder: Path, files: Sequence[str] = ("orbit.json", "report.html")) -> int:
+    """Print the result, and which files to look at; the exit code is 0 for `ok` and 1, with one reason, otherwise."""
     for line in summary(result):
         print(line)
-    print(f"written     {folder}/orbit.json, report.html")
+    print(f"written     {folder}/{', '.join(files)}")
     if result.estimate.status != "ok":
         raise CommandError(f"{result.estimate.status}: {result.estimate.reason}")
     return 0

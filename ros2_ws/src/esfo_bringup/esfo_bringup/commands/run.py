@@ -62,7 +62,8 @@ def execute(args: argparse.Namespace) -> int:
         _print_statistics(result.statistics)
     if bag.problem:
         print(f"not written {bag.path}: {bag.problem}")
-    return report(result, args.output)
+    bags = [bag.path.name] if bag.path.exists() else []
+    return report(result, args.output, ["orbit.json", "report.html", *bags])
 
 
 def _track(source: Source, settings: RunSettings, folder: Path) -> int:

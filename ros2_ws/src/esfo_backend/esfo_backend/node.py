@@ -22,6 +22,7 @@ from esfo_backend import messages
 from esfo_backend.live import LiveBackend, LiveOptions, summary, verdict_values
 from esfo_backend.options import PRESETS, BackendOptions
 from esfo_backend.scale import check_scale
+from esfo_backend.warm_up import warm_up
 from esfo_core.errors import CameraError
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.lifecycle.node import ManagedNode
@@ -75,7 +76,9 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         check_scale(options.scale)
 
     def configure(self) -> Worker[None]:
-        """Make the back-end, from a saved state if there is one."""
+        """Compile all kernels and make the back-end, from a saved state if there is one."""
+        self.get_logger().info("compiling")
+        warm_up()
         self._back_end = LiveBackend(self.options)
         if self.live.resume:
             self._back_end.resume(Path(self.live.resume).expanduser())

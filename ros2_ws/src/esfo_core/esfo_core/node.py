@@ -63,6 +63,17 @@ def check_type(leaf: OptionField, value: object) -> None:
         raise OptionError(f"parameter {leaf.name} takes {type(leaf.value).__name__}, got {value!r}")
 
 
+def with_values(options: T, values: Mapping[str, object]) -> T:
+    """Return options with the values of those parameters that are fields of them.
+
+    Raises OptionError for a bad value.
+    """
+    mine = {leaf.name: leaf for leaf in fields_of(options) if leaf.name in values}
+    for name, leaf in mine.items():
+        check_type(leaf, values[name])
+    return replace(options, {name: values[name] for name in mine})
+
+
 def trigger(
     node: Node, submit: Callable[[], Future[str]]
 ) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:

@@ -6,7 +6,6 @@ subscribes, deactivate keeps all that was learnt, cleanup frees it.
 
 from __future__ import annotations
 
-import time
 import traceback
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -24,9 +23,10 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from std_srvs.srv import Trigger
 
 from esfo_core.errors import EsfoError, OptionError
+from esfo_core.lifecycle.reminder import Reminder
 from esfo_core.messages import Service, Topic, diagnostic_message, mismatch
-from esfo_core.node import check_type, declare, declare_fields, declare_options, trigger
-from esfo_core.options import OptionField, fields_of, replace
+from esfo_core.node import declare, declare_fields, declare_options, trigger, with_values
+from esfo_core.options import OptionField
 from esfo_core.worker import Worker
 
 Options = TypeVar("Options")
@@ -73,7 +73,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self._outputs: dict[str, Any] = {}
         self._triggers: list[Any] = []
         self._ticks: list[Any] = []
-        self._told: tuple[frozenset[str], float] = (frozenset(), 0.0)
+        self._reminder = Reminder(REPEAT_S)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_timer(DIAGNOSE_S, self._diagnose, clock=STEADY)
         self.add_on_set_parameters_callback(self._judge)
@@ -312,34 +312,18 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         return "done"
 
     def _changed(self, parameters: list[Parameter]) -> tuple[Options, Live]:
-        """Return both kinds of options with these parameters. Raises OptionError for a bad value."""
-        trees: list[Any] = [self.options, self.live]
-        for i, tree in enumerate(trees):
-            leaves = {leaf.name: leaf for leaf in fields_of(tree)}
-            mine = {p.name: p.value for p in parameters if p.name in leaves}
-            for name, value in mine.items():
-                check_type(leaves[name], value)
-            trees[i] = replace(tree, mine)
-        return trees[0], trees[1]
+        values = {parameter.name: parameter.value for parameter in parameters}
+        return with_values(self.options, values), with_values(self.live, values)
 
     # Diagnostics.
 
     def _diagnose(self) -> None:
         problems = self.problems() | self._unconnected() if self.state == "active" else {}
-        self._tell(problems)
+        if self._reminder.due(frozenset(problems)):
+            self.get_logger().warning("; ".join(problems.values()))
         values = {"state": self.state} | (self.values() if self.state in ("active", "inactive") else {})
         stamp = self.get_clock().now().to_msg()
         self._health.publish(diagnostic_message(self.get_fully_qualified_name(), stamp, problems, values))
-
-    def _tell(self, problems: Mapping[str, str]) -> None:
-        """Log problems when they begin, and now and then while they last."""
-        kinds, now = frozenset(problems), time.monotonic()
-        before, when = self._told
-        if kinds and (kinds - before or now - when > REPEAT_S):
-            self.get_logger().warning("; ".join(problems.values()))
-            self._told = (kinds, now)
-        elif not kinds:
-            self._told = (kinds, when)
 
     def _unconnected(self) -> dict[str, str]:
         """Say for every topic which other end does not connect with this node, and what would help."""

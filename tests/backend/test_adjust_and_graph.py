@@ -1,5 +1,6 @@
 """The Schur solver and the GTSAM graph: same optimum, right covariance, exact recovery."""
 
+import gtsam
 import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
@@ -8,7 +9,7 @@ from esfo_backend import adjust as adjust_module
 from esfo_backend import graph as graph_module
 from esfo_backend.adjust import _step, adjust, linear_points, normal_equations
 from esfo_backend.covariance import motion_covariance
-from esfo_backend.graph import optimise_graph
+from esfo_backend.graph import graph_values, optimise_graph, orbit_factor
 from esfo_backend.problem import motion_from_axis, observations
 from esfo_core.orbit import angle_between, rotation, tangent_basis
 
@@ -42,6 +43,30 @@ def test_graph_and_schur_solver_reach_the_same_optimum(monkeypatch):
     assert graph.cost == pytest.approx(fast.cost, rel=1e-12)
     assert graph.motion.rate_hz == pytest.approx(fast.motion.rate_hz, rel=1e-8)
     np.testing.assert_allclose(graph.motion.Q, fast.motion.Q, atol=1e-8)
+
+
+def test_jacobians_of_a_factor_equal_numeric_ones():
+    """By retraction, as GTSAM moves its values: of the rotation, the rate and the point of the stacked factor."""
+    scene = tracks_of(spin(AXES[2]), noise_px=0.5, points=6)
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    motion = perturbed(scene.spin, 1e-3)
+    y = linear_points(motion, obs)
+    values = graph_values(motion, y)
+    for j in range(obs.points):
+        factor = orbit_factor(j, obs.of_point(j), 0.0)
+        A, b = factor.linearize(values).jacobian()
+        columns = []
+        for key, size in zip(factor.keys(), (3, 1, 3), strict=True):
+            for m in range(size):
+
+                def residual(s, key=key, size=size, m=m, factor=factor, h=1e-4):
+                    moved = gtsam.VectorValues()
+                    moved.insert(key, s * h * np.eye(size)[m])
+                    return factor.unwhitenedError(values.retract(moved))
+
+                columns.append((residual(-2) - 8 * residual(-1) + 8 * residual(1) - residual(2)) / 12e-4)
+        np.testing.assert_allclose(A, np.transpose(columns), rtol=1e-7, atol=1e-7 * np.abs(A).max())
+        np.testing.assert_allclose(-b, factor.unwhitenedError(values))
 
 
 def test_schur_step_is_that_of_the_whole_system():

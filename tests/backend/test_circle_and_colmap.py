@@ -29,7 +29,11 @@ def test_points_on_a_line_are_no_circle():
         fit_circle(np.outer(np.arange(5.0), [1, 2, 3]))
 
 
-@pytest.mark.parametrize("axis", [unit(0, 1, 0), unit(0.3, -0.8, 0.4), unit(-0.2, 0.3, -0.9)])
+ALL_ROUND = [unit(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) != (0, 0, 0)]
+"""Orbits in vertical planes among them, for which z = ax + by has no answer."""
+
+
+@pytest.mark.parametrize("axis", ALL_ROUND, ids=str)
 def test_orbit_of_exact_cameras(axis):
     truth = spin(axis)
     orbit = truth.paper_orbit()

@@ -9,7 +9,7 @@ from esfo_backend.constancy import Constancy, constancy, widened
 from esfo_backend.covariance import MotionCovariance
 from esfo_backend.no_period import _ends, translation_spread, why_no_period
 from esfo_backend.options import VerdictOptions
-from esfo_backend.problem import motion_from_axis, observations
+from esfo_backend.problem import Observations, Rows, motion_from_axis, observations
 from esfo_backend.structure import recurring_points, repeatable_points
 from esfo_core.orbit import NANOSECONDS, angle_between, rotation
 from esfo_core.tracks import Tracks
@@ -121,6 +121,15 @@ def test_points_that_could_be_seen_again():
     assert repeatable_points(obs, 0.1) == 0
 
 
+def test_points_seen_again():
+    """A point returns after it was hidden for half a turn, or is never hidden for a whole turn."""
+    times = [[0.0, 0.1, 1.2], [0.0, 0.5, 1.1, 1.6, 2.1], [0.0, 0.9, 1.8], [1.0, 1.5, 1.9]]
+    dt = np.concatenate(times)
+    first = np.concatenate([[0], np.cumsum([len(t) for t in times])])
+    rows = Rows(dt, np.zeros((len(dt), 2)), np.ones(len(dt)), first, np.array([800.0, 800.0]))
+    assert [recurring_points(Observations(rows, 0), rate) for rate in (0.5, 0.55, 1.0)] == [2, 2, 4]
+
+
 def straight(count, velocity_px_s, duration_s=2.0, seed=0):
     """Tracks of a body that is only displaced, each seen all the time."""
     rng = np.random.default_rng(seed)
@@ -133,11 +142,11 @@ def straight(count, velocity_px_s, duration_s=2.0, seed=0):
 
 
 def test_why_there_is_no_period():
-    still = why_no_period(straight(40, (0.0, 0.0)), 2.0, 10)
-    nothing = why_no_period(Tracks.empty(), 2.0, 10)
-    slides = why_no_period(straight(40, (30.0, 10.0)), 2.0, 10)
-    part = why_no_period(tracks_of(spin(AXIS), duration_s=0.8).tracks, 0.8, 10)
-    much = why_no_period(tracks_of(spin(AXIS), duration_s=8.0).tracks, 8.0, 10)
+    still = why_no_period(straight(40, (0.0, 0.0)), 2.0, 10, 800.0)
+    nothing = why_no_period(Tracks.empty(), 2.0, 10, 800.0)
+    slides = why_no_period(straight(40, (30.0, 10.0)), 2.0, 10, 800.0)
+    part = why_no_period(tracks_of(spin(AXIS), duration_s=0.8).tracks, 0.8, 10, 800.0)
+    much = why_no_period(tracks_of(spin(AXIS), duration_s=8.0).tracks, 8.0, 10, 800.0)
     assert (still.flag, nothing.flag, slides.flag) == ("not_a_rotation",) * 3
     assert "translation" in slides.reason
     assert "0 tracks move" in still.reason
@@ -148,7 +157,7 @@ def test_why_there_is_no_period():
 def test_a_translation_in_any_direction_is_one(velocity):
     """A body 2 units away and 0.3 deep that slides across, away or nearer, by up to six tenths of its distance."""
     tracks = translating(np.array(velocity), depth=0.3)
-    found = why_no_period(tracks, 2.0, 10)
+    found = why_no_period(tracks, 2.0, 10, 800.0)
     assert found.flag == "not_a_rotation"
     assert "translation" in found.reason
     assert translation_spread(_ends(translating(np.array(velocity), depth=0.0, noise_px=0.0))) < 1e-3
@@ -159,7 +168,7 @@ def test_a_translation_in_any_direction_is_one(velocity):
 def test_part_of_a_turn_is_no_translation(axis, turns):
     scene = tracks_of(spin(axis), duration_s=2 * turns, noise_px=0.3)
     assert translation_spread(_ends(scene.tracks)) > 0.2
-    assert why_no_period(scene.tracks, 2 * turns, 10).flag == "too_few_turns"
+    assert why_no_period(scene.tracks, 2 * turns, 10, 800.0).flag == "too_few_turns"
 
 
 def translating(velocity, depth, noise_px=0.2, count=40, seed=1):

@@ -7,10 +7,10 @@ from scenes import CAMERA, spin, tracks_of, unit
 from esfo_backend.adjust import adjust, linear_points
 from esfo_backend.covariance import motion_covariance
 from esfo_backend.graph import optimise_graph
-from esfo_backend.nuisance import BIAS, MOTION, SLOPE, bias_sensitivity, reduced_equations
+from esfo_backend.nuisance import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
 from esfo_backend.problem import motion_from_axis, observations
 from esfo_backend.projection import cauchy_weight, linearize_row
-from esfo_core.orbit import NANOSECONDS, angle_between, tangent_basis
+from esfo_core.orbit import NANOSECONDS, angle_between, rotation, tangent_basis
 from esfo_core.tracks import Tracks
 
 AXIS = unit(0.3, -0.8, 0.4)
@@ -83,6 +83,33 @@ def test_equations_are_those_of_the_rows():
         np.testing.assert_allclose(information[j, :5, :5], left.T @ left, rtol=1e-5, atol=1e-5 * (left**2).sum())
         np.testing.assert_allclose(score[j, :5], left.T @ r, rtol=1e-5, atol=1e-5 * np.abs(left).sum())
     assert (slice(0, 4), 4, slice(5, 9)) == (MOTION, SLOPE, BIAS)
+
+
+def test_columns_equal_numeric_derivatives():
+    """Of the slope by the phase that it adds, of the biases by shifts along and across a numeric image velocity."""
+    scene = tracks_of(spin(AXIS), noise_px=0.5, points=8)
+    solution, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
+    Q, rate, rows = solution.motion.Q, solution.motion.rate_hz, obs.rows
+
+    def image(j, phase):
+        X = Q @ (rotation(np.array([0.0, 0, 1]), -2 * np.pi * phase) @ solution.y[j] - [1.0, 0, 0])
+        return rows.focal * X[:2] / X[2]
+
+    block, wide = np.empty((2, 8)), np.empty((2, 13))
+    for j in range(obs.points):
+        for k in range(rows.first[j], rows.first[j + 1]):
+            linearize_row(Q, rate, solution.y[j], rows, k, block)
+            _widen(rate, solution.y[j], rows, k, block, wide)
+            dt, h, w = rows.dt[k], 1e-5, rows.weight[k]
+            change = [image(j, rate * dt + s * h) for s in (-2, -1, 1, 2)]
+            by_phase = (change[0] - 8 * change[1] + 8 * change[2] - change[3]) / (12 * h)  # px per turn
+            along = by_phase / np.linalg.norm(by_phase)
+            across = np.array([-along[1], along[0]])
+            y = rotation(np.array([0.0, 0, 1]), -2 * np.pi * rate * dt) @ solution.y[j]
+            side = y[1] / np.hypot(y[0], y[1])
+            expected = [w * by_phase * dt**2 / 2, *(w * v for v in (along, across, side * along, side * across))]
+            size = np.abs(wide[:, 5:10]).max()
+            np.testing.assert_allclose(wide[:, 5:10], np.transpose(expected), rtol=1e-7, atol=1e-7 * size)
 
 
 def test_stated_deviation_covers_a_common_bias():

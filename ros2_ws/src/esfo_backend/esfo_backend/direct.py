@@ -7,6 +7,7 @@ adjusted with the rate held. Mirrored and wrong-axis optima come out as further 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -17,12 +18,14 @@ from esfo_backend.errors import BackendError
 from esfo_backend.options import StartOptions
 from esfo_backend.problem import Observations, motion_from_axis
 from esfo_backend.selection import longest_points
-from esfo_core.orbit import Matrix, Vector, angle_between
+from esfo_core.orbit import Matrix, Vector, angle_between, rotation, tangent_basis
 
 _COARSE_ITERATIONS = 8
 _FINER_ITERATIONS = 15
 _FINAL_ITERATIONS = 20
 _SAME_OPTIMUM_DEG = 2.0
+_NEAR_VIEW_DEG, _RINGS_DEG, _AROUND = 20.0, (3.0, 8.0), 6
+"""Parallax goes with the angle between axis and view; where that is small, it must be begun with to a part of it."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +64,31 @@ def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> Di
         return adjust(motion, linear_points(motion, sample), sample, options.cauchy_px, False, _COARSE_ITERATIONS)
 
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
-        coarse = sorted((c for c in pool.map(tried, axes) if np.isfinite(c.cost)), key=lambda c: c.cost)
+        coarse = _by_cost(pool.map(tried, axes))
+        if coarse and (view := _near_view(coarse[0].motion.axis, towards)) is not None:
+            coarse = _by_cost([*coarse, *pool.map(tried, _rings(view))])
     if not coarse:
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
     optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)
     final = _distinct(optima, obs, options, _FINAL_ITERATIONS, 2)
     return DirectStart(final[0], final[1] if len(final) > 1 else None)
+
+
+def _by_cost(tried: Iterable[Adjusted]) -> list[Adjusted]:
+    return sorted((c for c in tried if np.isfinite(c.cost)), key=lambda c: c.cost)
+
+
+def _near_view(axis: Vector, towards: Vector) -> Vector | None:
+    """The direction of view, or its opposite, that an axis is close to; None: neither."""
+    return next((view for view in (towards, -towards) if angle_between(axis, view) < _NEAR_VIEW_DEG), None)
+
+
+def _rings(view: Vector) -> list[Vector]:
+    """Axes on cones about the direction of view."""
+    middle = view / np.linalg.norm(view)
+    aside = tangent_basis(middle)[:, 0]
+    tilted = [rotation(aside, np.radians(deg)) @ middle for deg in _RINGS_DEG]
+    return [rotation(middle, 2 * np.pi * k / _AROUND) @ axis for axis in tilted for k in range(_AROUND)]
 
 
 def _distinct(

@@ -29,11 +29,11 @@ class NoPeriod:
     flag: str
 
 
-def why_no_period(tracks: Tracks, duration_s: float, min_points: int) -> NoPeriod:
+def why_no_period(tracks: Tracks, duration_s: float, min_points: int, focal_px: float) -> NoPeriod:
     """Look at how tracks move. duration_s: length of the recording.
 
-    A point of a spinning object moves by at most 2 pi times the image radius of the object in a turn; so the typical
-    speed gives a number of turns that must have been seen, were it a rotation.
+    A point of a spinning object moves by at most 2 pi times the image radius of the object in a turn, times what its
+    near side looks larger; so the typical speed gives a number of turns that must have been seen, were it a rotation.
     """
     ends = _ends(tracks)
     moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MOVES_PX
@@ -46,8 +46,11 @@ def why_no_period(tracks: Tracks, duration_s: float, min_points: int) -> NoPerio
             f"{_MOST:.0%} of the tracks move as in a translation, within {spread:.0%} of their speed", "not_a_rotation"
         )
     place = tracks.uv - np.median(tracks.uv, axis=0)
-    radius = float(np.quantile(np.linalg.norm(place, axis=1), 0.9))
-    turns = ends.speed * duration_s / (2 * np.pi * max(radius, 1.0))
+    radius = max(float(np.quantile(np.linalg.norm(place, axis=1), 0.9)), 1.0)
+    # A ball in the distance d, seen at this radius, has the radius r d and spins at w: its nearest point is (1 - r) d
+    # away and moves by w r / (1 - r), its outline is at r / sqrt(1 - r^2), both in the plane z = 1.
+    r = radius / np.hypot(radius, focal_px)
+    turns = ends.speed * duration_s / (2 * np.pi * radius) * np.sqrt((1 - r) / (1 + r))
     if turns >= _ONE_TURN:
         return NoPeriod(
             f"a rotation that moves like this would have turned {turns:.1f} times or more", "not_a_rotation"

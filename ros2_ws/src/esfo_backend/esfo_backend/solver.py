@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from esfo_backend.changing_rate import ChangingRate, bent, changing_rate
 from esfo_backend.constancy import constancy, widened
 from esfo_backend.covariance import motion_covariance
-from esfo_backend.direct import mean_direction
 from esfo_backend.drift import RateDrift, rate_drift
 from esfo_backend.errors import BackendError
 from esfo_backend.graph import GraphResult, optimise_graph
@@ -24,13 +23,15 @@ from esfo_backend.reidentify import point_rms
 from esfo_backend.spin_rate import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.structure import Structure, build_structure, prune, recurring_points, repeatable_points
-from esfo_backend.verdict import Evidence, judge, unconfirmed
+from esfo_backend.structure import Structure, build_structure, drop_far, prune, recurring_points, repeatable_points
+from esfo_backend.verdict import Evidence, judge, moves_on, unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import Alternative, OrbitEstimate
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks
+
+_MOST_GRAPHS = 3
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,8 @@ class Solver:
         for slower in _slower(rate, thorough):
             with suppress(BackendError):
                 found = self._solve_at(slower, None, tracks, activity, watch, False)
-                if found.status == "ok" and (best is None or found.observations > best[0].observations):
+                confirmed = found.status == "ok" and self.found is not None and self._repeats(self.found.structure)
+                if confirmed and (best is None or found.observations > best[0].observations):
                     best = found, self.found, self.last_start, slower.rate_hz
         if best is not None:
             found, self.found, self.last_start, self.rate_hz = best
@@ -180,11 +182,7 @@ class Solver:
         with watch.stage("reidentification"):
             structure = build_structure(start, obs, options)
         with watch.stage("graph"):
-            structure = prune(structure, options)
-            result = optimise_graph(
-                structure.solution, structure.obs, options.graph.cauchy_px, options.graph.iterations
-            )
-        structure = replace(structure, solution=result.adjusted)
+            structure, result = self._optimise(prune(structure, options))
         if changing is None and options.rate.method == "correlation":
             of_tracks = result.adjusted.motion.rate_hz
             if not rate.agrees_with(of_tracks):
@@ -202,11 +200,29 @@ class Solver:
             raise self._no_period(estimate.reason, tracks, activity)
         return estimate
 
+    def _optimise(self, structure: Structure) -> tuple[Structure, GraphResult]:
+        """Optimise the graph; points that run away tell nothing of the motion, but may make it indeterminate."""
+        graph = self.options.graph
+        for _ in range(_MOST_GRAPHS):
+            result = optimise_graph(structure.solution, structure.obs, graph.cauchy_px, graph.iterations)
+            optimum = replace(structure, solution=result.adjusted)
+            structure = drop_far(optimum)
+            if structure.obs.points < self.options.verdict.min_points:
+                return optimum, result
+            if structure is optimum or np.isfinite(result.marginal).all():
+                break
+        return structure, result
+
     def _no_period(self, found: str, tracks: Tracks, activity: Activity) -> BackendError:
         """Error of a stream without a period, or with one that no track confirms; its cause by how they move."""
         duration_s = (activity.end - activity.t0) / NANOSECONDS
-        why = why_no_period(tracks, duration_s, self.options.verdict.min_points)
+        why = why_no_period(tracks, duration_s, self.options.verdict.min_points, self.camera.focal_px)
         return BackendError(f"{found}; {why.reason}", why.flag)
+
+    def _repeats(self, structure: Structure) -> bool:
+        """Whether most points came round again."""
+        repeatable = repeatable_points(structure.obs, structure.solution.motion.rate_hz)
+        return not moves_on(self._recurring(structure), repeatable)
 
     def _recurring(self, structure: Structure) -> int | None:
         """Points seen again, None where nobody looked for them."""
@@ -242,7 +258,7 @@ class Solver:
             Evidence(
                 solution.motion.rate_hz,
                 solution.motion.axis,
-                mean_direction(obs),
+                solution.motion.Q @ np.array([-1.0, 0.0, np.median(solution.y[:, 2])]),
                 covariance,
                 obs.points,
                 self._recurring(structure),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from esfo_backend.adjust import Adjusted, adjust
 from esfo_backend.errors import BackendError
@@ -13,6 +14,7 @@ from esfo_backend.problem import Observations
 from esfo_backend.projection import row_errors
 from esfo_backend.reidentify import ROUND_ITERATIONS, Labels, point_rms, reidentify
 from esfo_backend.start import Start
+from esfo_core.orbit import Matrix
 
 _PRUNING_ROUNDS = 2
 
@@ -52,22 +54,36 @@ def prune(structure: Structure, options: BackendOptions) -> Structure:
     for _ in range(_PRUNING_ROUNDS):
         motion, y = structure.solution.motion, structure.solution.y
         errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
-        middle = np.array([0.0, 0.0, np.median(y[:, 2])])
-        # The camera, at distance |(1, middle)| from the middle of the object, is outside the object.
-        near = np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2])
-        keep = (point_rms(errors, structure.obs) < limit_px) & near
+        keep = (point_rms(errors, structure.obs) < limit_px) & _near(y)
         if keep.sum() < needed:
             raise BackendError(
                 f"only {int(keep.sum())} of {len(keep)} points follow one rotation to {limit_px} px; "
                 f"{needed} are needed",
                 "too_few_points",
             )
-        new_label = np.where(keep, np.cumsum(keep) - 1, -1)
-        obs = structure.obs.regroup(new_label)
-        solution = adjust(motion, y[keep], obs, options.graph.cauchy_px)
-        label = np.where(structure.label >= 0, new_label[structure.label], -1)
-        structure = Structure(obs, solution, label)
+        structure = _keep(structure, keep)
+        solution = adjust(motion, structure.solution.y, structure.obs, options.graph.cauchy_px)
+        structure = replace(structure, solution=solution)
     return structure
+
+
+def drop_far(structure: Structure) -> Structure:
+    """Drop points that an optimum has put beyond the camera: tracks without parallax, whose depth runs away."""
+    keep = _near(structure.solution.y)
+    return structure if keep.all() else _keep(structure, keep)
+
+
+def _near(y: Matrix) -> NDArray[np.bool_]:
+    """Which of y (P, 3) can be points of the object, because they are nearer to its middle than the camera is."""
+    middle = np.array([0.0, 0.0, np.median(y[:, 2])])
+    return np.asarray(np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2]))
+
+
+def _keep(structure: Structure, keep: NDArray[np.bool_]) -> Structure:
+    new_label = np.where(keep, np.cumsum(keep) - 1, -1)
+    label = np.where(structure.label >= 0, new_label[structure.label], -1)
+    solution = replace(structure.solution, y=structure.solution.y[keep])
+    return Structure(structure.obs.regroup(new_label), solution, label)
 
 
 def repeatable_points(obs: Observations, rate_hz: float) -> int:
@@ -78,7 +94,8 @@ def repeatable_points(obs: Observations, rate_hz: float) -> int:
 
 
 def recurring_points(obs: Observations, rate_hz: float) -> int:
-    """Number of points that were seen again after half a turn or more without being seen."""
+    """Number of points that were seen again: after half a turn or more without being seen, or over a whole turn."""
     dt, first = obs.rows.dt, obs.rows.first
-    half_turn = 0.5 / rate_hz
-    return sum(bool(np.diff(dt[first[j] : first[j + 1]]).max(initial=0.0) >= half_turn) for j in range(obs.points))
+    hidden = np.zeros(obs.points, bool)
+    np.logical_or.at(hidden, obs.point_index()[1:], (np.diff(dt) >= 0.5 / rate_hz) & (np.diff(obs.point_index()) == 0))
+    return int((hidden | (dt[first[1:] - 1] - dt[first[:-1]] >= 1 / rate_hz)).sum())

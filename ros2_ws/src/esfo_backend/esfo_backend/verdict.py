@@ -22,9 +22,9 @@ _MOST = 0.5
 class Evidence:
     """What the verdict looks at.
 
-    recurring: points seen again after half a turn or more, None where tracks were not re-identified; repeatable: those
-    that could have been. inliers: share of tracks that follow the motion. revolutions: turns seen. duration_s: length
-    of the data.
+    towards: from the camera to the middle of the object. recurring: points seen again, None where tracks were not
+    re-identified; repeatable: those that could have been. inliers: share of tracks that follow the motion. revolutions:
+    turns seen. duration_s: length of the data.
     """
 
     rate_hz: float
@@ -59,11 +59,11 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     """
     doubts = _doubts(evidence, options)
     if unconfirmed(evidence.recurring, options):  # doubts about a motion that turns at another rate say nothing
-        doubts = [doubt for doubt in doubts if doubt[0] == "too_few_turns"]
+        doubts = [doubt for doubt in doubts if doubt[0] in ("too_few_turns", "axis_unobservable")]
     flags = [flag for flag, _ in doubts]
     reason = doubts[0][1] if doubts else ""
     failure, cause = _failure(evidence, options)
-    if not failure and "not_a_rotation" in flags and _moves_on(evidence):
+    if not failure and "not_a_rotation" in flags and moves_on(evidence.recurring, evidence.repeatable):
         failure = f"only {evidence.recurring} of {evidence.repeatable} points came round again"
     if failure:
         named = (*flags, cause) if cause and cause not in flags else tuple(flags)
@@ -79,6 +79,11 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
 def unconfirmed(recurring: int | None, options: VerdictOptions) -> bool:
     """Whether too few points came round again to take the period for one. recurring: as in `Evidence`."""
     return recurring is not None and recurring < options.min_recurring
+
+
+def moves_on(recurring: int | None, repeatable: int) -> bool:
+    """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
+    return recurring is not None and recurring < _MOST * repeatable
 
 
 def rate_changes(drift: RateDrift, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
@@ -109,11 +114,6 @@ def _doubts(evidence: Evidence, options: VerdictOptions) -> list[tuple[str, str]
         )
     doubt = _axis_doubt(evidence, options)
     return [*found, ("axis_unobservable", doubt)] if doubt else found
-
-
-def _moves_on(evidence: Evidence) -> bool:
-    """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
-    return evidence.recurring is not None and evidence.recurring < _MOST * evidence.repeatable
 
 
 def _axis_doubt(evidence: Evidence, options: VerdictOptions) -> str:

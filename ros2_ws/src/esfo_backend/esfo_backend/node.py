@@ -76,9 +76,7 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         check_scale(options.scale)
 
     def configure(self) -> Worker[None]:
-        """Compile all kernels and make the back-end, from a saved state if there is one."""
-        self.get_logger().info("compiling")
-        warm_up()
+        """Make the back-end, from a saved state if there is one."""
         self._back_end = LiveBackend(self.options)
         if self.live.resume:
             self._back_end.resume(Path(self.live.resume).expanduser())
@@ -92,10 +90,12 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         return worker
 
     def activate(self) -> None:
-        """Take in tracks and activity."""
+        """Take in tracks and activity; compile while the first arrive, so that the first estimate need not wait."""
         self.subscribe_latched_or_not(CAMERA_INFO, self._on_camera)
         self.subscribe(TRACKS, self._on_tracks)
         self.subscribe(ACTIVITY, self._on_activity)
+        if self.worker is not None:
+            self.worker.request(_compile, after_quiet=False)
         self._turning = self.tick(TF_PERIOD_S, self._turn, self.get_clock())
         if self._spin is None:
             self._turning.cancel()  # until there is something that turns
@@ -211,6 +211,11 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         live = self._back_end
         counts = {"observations": live.observations, "activity bins": live.activity_bins, "dropped": live.dropped}
         return counts | verdict_values(self._estimate)
+
+
+def _compile() -> str:
+    warm_up()
+    return ""
 
 
 def main() -> None:

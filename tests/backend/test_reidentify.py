@@ -1,5 +1,7 @@
 """Tracks of one point are merged, tracks of two points are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
@@ -8,6 +10,7 @@ from esfo_backend.adjust import adjust, linear_points
 from esfo_backend.options import ReidentificationOptions
 from esfo_backend.problem import motion_from_axis, observations
 from esfo_backend.reidentify import merge_round, point_rms, reidentify
+from esfo_backend.structure import Structure, drop_far
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.3])
@@ -38,6 +41,23 @@ def test_simultaneous_tracks_never_merge():
         members = np.flatnonzero(label == j)
         order = members[np.argsort(begin[members])]
         assert (begin[order[1:]] > end[order[:-1]]).all()
+
+
+def test_points_beyond_the_camera_are_dropped_and_no_others():
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)))
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
+    label = np.append(np.arange(obs.points), -1)
+    whole = Structure(obs, adjust(motion, linear_points(motion, obs), obs, 2.0), label)
+    assert drop_far(whole) is whole
+    y = whole.solution.y.copy()
+    y[[3, 7]] *= 1e4
+    found = drop_far(replace(whole, solution=replace(whole.solution, y=y)))
+    kept = np.delete(np.arange(obs.points), [3, 7])
+    np.testing.assert_array_equal(found.solution.y, y[kept])
+    np.testing.assert_array_equal(found.obs.rows.dt, obs.rows.dt[np.isin(obs.point_index(), kept)])
+    assert found.label[[3, 7, -1]].tolist() == [-1, -1, -1]
+    np.testing.assert_array_equal(found.label[kept], np.arange(len(kept)))
 
 
 def test_rms_is_per_point():

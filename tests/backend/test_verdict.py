@@ -128,6 +128,17 @@ def test_a_fixed_axis_is_ok():
 STILL = {"rate_hz": 0.0, "speed": "still"}
 NO_FIXED_AXIS = {
     "tumbling": (lambda: replace(SMALL, motion=MotionOptions(nutation_deg=12)), "not_a_rotation"),
+    "tumbling a little": (  # twice its period suits it nearly
+        lambda: SceneOptions(
+            object="tdrs",
+            view="perpendicular",
+            speed="fast",
+            width=346,
+            height=260,
+            motion=MotionOptions(nutation_deg=2.0, inertia_ratio=0.8),
+        ),
+        "not_a_rotation",
+    ),
     "across": (lambda: far(SMALL, 1.4, velocity_x_m_s=0.02), "not_a_rotation"),
     "towards": (lambda: far(SMALL, 1.4, velocity_z_m_s=0.04), "not_a_rotation"),
     "sliding nearer": (

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from esfo_backend.appraisal import Optimum, appraise
 from esfo_backend.basis import Basis
 from esfo_backend.errors import BackendError
 from esfo_backend.follow import Follower
@@ -201,7 +202,8 @@ class Backend:
                 basis = self._basis = self._confirmed(basis, turns, watch)
             with watch.stage("graph"):
                 structure, result = self._follower.update(news)
-            estimate = self._solver.estimate(structure, result, basis.rate, None, basis.start, (begin, end), watch)
+            optimum = Optimum(structure, result, basis.rate, basis.start, (begin, end))
+            estimate = appraise(optimum, self.options, watch.seconds)
         except BackendError:
             return None
         self._solved_until = end

@@ -9,25 +9,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from esfo_backend.appraisal import Optimum, appraise, most_recur, recurring
 from esfo_backend.changing_rate import ChangingRate, bent, changing_rate
-from esfo_backend.constancy import constancy, widened
-from esfo_backend.covariance import motion_covariance
-from esfo_backend.drift import RateDrift, rate_drift
 from esfo_backend.errors import BackendError
 from esfo_backend.graph import GraphResult, optimise_graph
 from esfo_backend.no_period import why_no_period
 from esfo_backend.options import BackendOptions
-from esfo_backend.problem import observations, spin_and_points
-from esfo_backend.projection import row_errors
-from esfo_backend.reidentify import point_rms
+from esfo_backend.problem import observations
 from esfo_backend.spin_rate import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
 from esfo_backend.start import Start, choose_start
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.structure import Structure, build_structure, drop_far, prune, recurring_points, repeatable_points
-from esfo_backend.verdict import Evidence, judge, moves_on, unconfirmed
+from esfo_backend.structure import Structure, build_structure, drop_far, prune
+from esfo_backend.verdict import unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
-from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks
 
@@ -118,7 +114,9 @@ class Solver:
         for slower in _slower(rate, thorough):
             with suppress(BackendError):
                 found = self._solve_at(slower, None, tracks, activity, watch, False)
-                confirmed = found.status == "ok" and self.found is not None and self._repeats(self.found.structure)
+                confirmed = (
+                    found.status == "ok" and self.found is not None and most_recur(self.found.structure, self.options)
+                )
                 if confirmed and (best is None or found.observations > best[0].observations):
                     best = found, self.found, self.last_start, slower.rate_hz
         if best is not None:
@@ -191,12 +189,10 @@ class Solver:
                 )
                 raise self._no_period(disagree, tracks, activity)
         self.found = None if changing else Found(rate, start, structure, ids, turns)
-        estimate = self.estimate(structure, result, rate, changing, start, span, watch)
-        if (
-            estimate.status == "failed"
-            and not estimate.flags
-            and unconfirmed(self._recurring(structure), options.verdict)
-        ):
+        optimum = Optimum(structure, result, rate, start, span, changing)
+        estimate = appraise(optimum, options, watch.seconds)
+        unnamed = estimate.status == "failed" and not estimate.flags
+        if unnamed and unconfirmed(recurring(structure, options), options.verdict):
             raise self._no_period(estimate.reason, tracks, activity)
         return estimate
 
@@ -219,98 +215,6 @@ class Solver:
         why = why_no_period(tracks, duration_s, self.options.verdict.min_points, self.camera.focal_px)
         return BackendError(f"{found}; {why.reason}", why.flag)
 
-    def _repeats(self, structure: Structure) -> bool:
-        """Whether most points came round again."""
-        repeatable = repeatable_points(structure.obs, structure.solution.motion.rate_hz)
-        return not moves_on(self._recurring(structure), repeatable)
-
-    def _recurring(self, structure: Structure) -> int | None:
-        """Points seen again, None where nobody looked for them."""
-        if not self.options.reidentification.enabled:
-            return None
-        return recurring_points(structure.obs, structure.solution.motion.rate_hz)
-
-    def estimate(
-        self,
-        structure: Structure,
-        result: GraphResult,
-        rate: SpinRate,
-        changing: ChangingRate | None,
-        start: Start,
-        span: tuple[int, int],
-        watch: Stopwatch,
-    ) -> OrbitEstimate:
-        """Judge an optimum and put the estimate together. span: begin and end of the data, ns."""
-        solution, obs, label = structure.solution, structure.obs, structure.label
-        noise = (self.options.graph.cauchy_px, self.options.graph.bias_px)
-        covariance = motion_covariance(solution, obs, result.marginal, *noise)
-        drift = rate_drift(solution, obs, *noise)
-        if changing:
-            slope = changing.bend * solution.motion.rate_hz + drift.slope
-            drift = RateDrift(slope, float(np.hypot(drift.std, changing.bend * covariance.rate_std_hz)))
-        duration_s = (span[1] - span[0]) / NANOSECONDS
-        revolutions = solution.motion.rate_hz * duration_s
-        errors = row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
-        alternatives = _alternatives(rate, start)
-        inliers = label >= 0
-        motion = constancy(solution, obs, *noise)
-        verdict = judge(
-            Evidence(
-                solution.motion.rate_hz,
-                solution.motion.axis,
-                solution.motion.Q @ np.array([-1.0, 0.0, np.median(solution.y[:, 2])]),
-                covariance,
-                obs.points,
-                self._recurring(structure),
-                repeatable_points(obs, solution.motion.rate_hz),
-                float(inliers.mean()),
-                alternatives,
-                min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
-                drift,
-                motion,
-                revolutions,
-                duration_s,
-            ),
-            self.options.verdict,
-        )
-        turns_rad = revolutions / (2 * float(obs.rows.focal.mean()))
-        covariance = widened(covariance, motion, solution.motion.rate_hz, turns_rad, self.options.verdict.constancy_z)
-        spin, points = spin_and_points(solution.motion, solution.y, obs.t_ref, changing.middle if changing else span[0])
-        estimate = OrbitEstimate(
-            status=verdict.status,
-            flags=verdict.flags,
-            reason=verdict.reason,
-            spin=spin,
-            rate_std_hz=covariance.rate_std_hz,
-            axis_cov=covariance.axis_cov,
-            points=points,
-            point_rms_px=point_rms(errors, obs),
-            point_rows=np.diff(obs.rows.first),
-            tracks=int(inliers.sum()),
-            observations=len(obs.rows.dt),
-            revolutions=revolutions,
-            rms_px=float(np.sqrt(np.mean(errors**2))),
-            initialisation=start.name,
-            rate_slope_hz_s=drift.slope,
-            rate_slope_std_hz_s=drift.std,
-            t_first=span[0],
-            t_last=span[1],
-            alternatives=alternatives,
-            timing_s=watch.seconds,
-        )
-        if verdict.status != "failed":
-            return estimate
-        return OrbitEstimate.failure(
-            verdict.reason,
-            flags=verdict.flags,
-            tracks=estimate.tracks,
-            observations=estimate.observations,
-            t_first=span[0],
-            t_last=span[1],
-            alternatives=alternatives,
-            timing_s=watch.seconds,
-        )
-
 
 def _slower(rate: SpinRate, thorough: bool) -> list[SpinRate]:
     """Multiples of a period, those first that the stream has shown; the others are tried in a thorough search alone.
@@ -326,18 +230,3 @@ def _slower(rate: SpinRate, thorough: bool) -> list[SpinRate]:
 
 def _is_one_rotation(estimate: OrbitEstimate) -> bool:
     return estimate.status != "failed" and not {"rate_not_constant", "not_a_rotation"} & set(estimate.flags)
-
-
-def _alternatives(rate: SpinRate, start: Start) -> tuple[Alternative, ...]:
-    found = [
-        Alternative("harmonic", h.rate_hz, np.zeros(3), rate.correlation / max(h.correlation, 1e-9))
-        for h in rate.harmonics
-        if h.correlation > 0.1 * rate.correlation
-    ]
-    if start.second is not None:
-        ratio = start.second.cost / max(start.adjusted.cost, 1e-12)
-        mirrored = start.second.motion.axis @ start.adjusted.motion.axis < 0
-        found.append(
-            Alternative("mirror" if mirrored else "axis", start.second.motion.rate_hz, start.second.motion.axis, ratio)
-        )
-    return tuple(found)

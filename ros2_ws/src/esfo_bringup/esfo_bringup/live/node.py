@@ -153,6 +153,8 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
             "wait_for_back_end": True,
             "min_listeners": 2,  # the back-end and the collector
             "idle_flush_s": 0.0,
+            # What a back-end or a collector that gets no processor time has not taken is kept, not overwritten.
+            **{f"qos_overrides./{topic}.publisher.depth": 100_000 for topic in ("feature_tracks", "event_activity")},
             **chosen.frontend,
         },
     )

@@ -39,15 +39,18 @@ DEACTIVATE = 4
 Stream = list[tuple[bytes, int]]
 
 
-def stream_of(name: str) -> tuple[Stream, int]:
-    """Return a scene as serialised packets, each with the time of its last event, and the number of events."""
+def stream_of(name: str, least: float) -> tuple[Stream, int]:
+    """Return a scene as serialised packets, each with the time of its last event, and the number of events.
+
+    least: millions of events; the scene is repeated until it has so many.
+    """
     scene = simulate(SCENES[name])
     size = (scene.camera.width, scene.camera.height)
-    packets = [
-        part
-        for packet in packets_of(np.concatenate(list(scene.chunks())))
-        for part in np.array_split(packet, -(-len(packet) // MAX_EVENTS))
-    ]
+    once = np.concatenate(list(scene.chunks()))
+    length = int(once["t"][-1] - once["t"][0]) + 1000
+    events = np.tile(once, int(np.ceil(1e6 * least / len(once))))
+    events["t"] += np.repeat(np.arange(len(events) // len(once)) * length, len(once))
+    packets = [part for packet in packets_of(events) for part in np.array_split(packet, -(-len(packet) // MAX_EVENTS))]
     serialised = [bytes(serialize_message(packet_message(p, k, size, "camera"))) for k, p in enumerate(packets)]
     return list(zip(serialised, (int(p["t"][-1]) for p in packets), strict=True)), sum(len(p) for p in packets)
 
@@ -147,19 +150,20 @@ def main() -> None:
     """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--events", type=float, default=8.0, help="least length of a stream, millions of events")
     parser.add_argument("--idle-s", type=float, default=20.0)
     arguments = parser.parse_args()
     rclpy.init(args=[])
     warm_up(PRESETS["default"])
     print("| stream | Mev | without ROS, Mev/s | in the graph, Mev/s | share |\n|---|---|---|---|---|")
     for name in SCENES:
-        stream, events = stream_of(name)
+        stream, events = stream_of(name, arguments.events)
         pairs = [(without_ros(stream), in_graph(stream)) for _ in range(arguments.repeats)]
         alone, graph = (events / 1e6 / np.median(column) for column in zip(*pairs, strict=True))
         share = np.median([a / b for a, b in pairs])
         print(f"| {name} | {events / 1e6:.1f} | {alone:.2f} | {graph:.2f} | {100 * share:.0f} % |", flush=True)
         latest = stream
-    spent = callbacks(latest)
+    spent = callbacks(latest[:500])
     print(
         f"\ncallback of a packet of 4 ms: {np.median(spent):.3f} ms median, {np.quantile(spent, 0.99):.3f} ms at 99 %, "
         f"{max(spent):.2f} ms at most"

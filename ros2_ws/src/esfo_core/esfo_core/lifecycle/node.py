@@ -23,6 +23,7 @@ from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverriding
 from std_srvs.srv import Trigger
 
 from esfo_core.errors import EsfoError, OptionError
+from esfo_core.intake.node import Intake
 from esfo_core.lifecycle.reminder import Reminder
 from esfo_core.messages import Service, Topic, diagnostic_message, mismatch
 from esfo_core.node import declare, declare_fields, declare_options, trigger, with_values
@@ -124,20 +125,19 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         """Return how many subscribe to one of `OUTPUTS`."""
         return int(self._outputs[topic].get_subscription_count()) if topic in self._outputs else 0
 
-    def subscribe(
-        self, topic: Topic, callback: Callable[[Any], None], qos: QoSProfile | None = None, raw: bool = False
-    ) -> None:
-        """Subscribe until the node is deactivated, or to the topic of this name once more.
+    def subscribe(self, topic: Topic, callback: Callable[[Any], None]) -> None:
+        """Subscribe until the node is deactivated."""
+        profile = copy(topic.qos)  # rclpy writes overrides into it
+        make = partial(self.create_subscription, topic.kind, topic.name, callback, profile)
+        self._inputs[topic.name] = (self._with_overrides(make), profile)
 
-        qos: instead of the one of the topic, which then cannot be overridden by parameters.
+    def take_in(self, topic: Topic, callback: Callable[[bytes], None]) -> None:
+        """Subscribe until the node is deactivated, or to the topic of this name once more, in a thread of its own.
+
+        The callback gets serialised messages. Parameters cannot override the quality of service.
         """
-        self.unsubscribe(topic.name)
-        profile = copy(qos or topic.qos)  # rclpy writes overrides into it
-        overrides = None if qos else _OVERRIDES
-        subscription = self._with_overrides(
-            partial(self.create_subscription, topic.kind, topic.name, callback, profile, raw=raw), overrides
-        )
-        self._inputs[topic.name] = (subscription, profile)
+        self._unsubscribe(topic.name)
+        self._inputs[topic.name] = (Intake(self, topic, callback, self._fail), topic.qos)
 
     def subscribe_latched_or_not(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Subscribe to a latched topic so that publishers which do not latch are heard too, from now on.
@@ -152,12 +152,6 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self._inputs[topic.name] = (self.create_subscription(topic.kind, topic.name, callback, volatile), volatile)
         self._latched.append(subscription)
 
-    def unsubscribe(self, name: str) -> None:
-        """End a subscription, if there is one."""
-        subscription, _ = self._inputs.pop(name, (None, None))
-        if subscription is not None:
-            self.destroy_subscription(subscription)
-
     def tick(self, seconds: float, job: Callable[[], None], clock: Clock = STEADY) -> Any:
         """Call `job` again and again until the node is deactivated; return the timer."""
         self._ticks.append(self.create_timer(seconds, job, clock=clock))
@@ -167,9 +161,8 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         """Return a worker whose failure ends the process, so that `run` reports it."""
 
         def fail() -> None:
-            if self.context.ok():  # otherwise it only tried to publish while the node was being shut down
-                self.failure = worker.error
-            self.context.try_shutdown()
+            if worker.error is not None:
+                self._fail(worker.error)
 
         worker: Worker[Any] = Worker(work, capacity, fail)
         return worker
@@ -186,6 +179,9 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
 
     def close(self) -> None:
         """End the work that is under way; the process is about to end."""
+        for subscription, _ in self._inputs.values():
+            if isinstance(subscription, Intake):
+                subscription.close()
         if self.worker is not None:
             self.worker.stop(timeout=10.0)
 
@@ -250,7 +246,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
     def _configure(self) -> None:
         for topic in self.OUTPUTS:
             make = partial(self.create_lifecycle_publisher, topic.kind, topic.name, copy(topic.qos))
-            self._outputs[topic.name] = self._with_overrides(make, _OVERRIDES)
+            self._outputs[topic.name] = self._with_overrides(make)
         self.worker = self.configure()
         jobs = self.jobs()
         for service in self.SERVICES:
@@ -269,10 +265,23 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
             self.destroy_timer(timer)
         self._ticks.clear()
         for name in list(self._inputs):
-            self.unsubscribe(name)
+            self._unsubscribe(name)
         for subscription in self._latched:
             self.destroy_subscription(subscription)
         self._latched.clear()
+
+    def _unsubscribe(self, name: str) -> None:
+        subscription, _ = self._inputs.pop(name, (None, None))
+        if isinstance(subscription, Intake):
+            subscription.close()
+        elif subscription is not None:
+            self.destroy_subscription(subscription)
+
+    def _fail(self, error: BaseException) -> None:
+        """End the process, so that `run` reports the error."""
+        if self.context.ok():  # otherwise it only tried to publish while the node was being shut down
+            self.failure = error
+        self.context.try_shutdown()
 
     def _free(self) -> None:
         self._halt()
@@ -285,9 +294,9 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self.worker = None
         self.clean_up()
 
-    def _with_overrides(self, make: Callable[..., Any], overrides: QoSOverridingOptions | None) -> Any:
+    def _with_overrides(self, make: Callable[..., Any]) -> Any:
         try:
-            return make(qos_overriding_options=overrides)
+            return make(qos_overriding_options=_OVERRIDES)
         except (InvalidQosOverridesError, KeyError, ValueError, TypeError) as error:
             raise OptionError(f"a parameter below qos_overrides is wrong: {error}") from error
 

@@ -1,0 +1,1 @@
+"""Taking the messages of a fast topic apart from all others."""

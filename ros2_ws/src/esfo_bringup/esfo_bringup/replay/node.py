@@ -30,8 +30,6 @@ CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms of it")
 ACTIVITY = Topic("event_activity", EventActivity, reliable(1000), "with rate 0: how far the front-end has come")
 
 CLOCK_NS = 10_000_000
-UNACKNOWLEDGED = 200
-"""Packets after which the replay waits for reliable subscribers: of 1000 that were not taken, the oldest is lost."""
 MATCHING_S = 0.3
 """A subscriber that we have found may need this long to find us."""
 
@@ -110,8 +108,6 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._events.publish(packet_message(events, self._seq, size, self._options.frame_id))
         self._pace.sent(last)
         self._seq += 1
-        if self._seq % UNACKNOWLEDGED == 0:
-            self._events.wait_for_all_acked(Duration(seconds=10))
         self._sent_events += len(events)
 
     def _tick(self, t: int) -> None:

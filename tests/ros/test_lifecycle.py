@@ -42,6 +42,14 @@ def well(listener, node):
     return status is not None and status.level == b"\x00"
 
 
+def connected_camera(listener):
+    """A camera whose events are taken; what is sent right after the discovery may not arrive."""
+    camera = CameraDriver(listener.node)
+    listener.until(lambda: camera.listeners)
+    listener.spin(0.5)
+    return camera
+
+
 def flushed(listener, packets):
     """What the front-end says when it has had so many packets; on a busy machine some may still be on the way."""
     answers = []
@@ -170,9 +178,7 @@ def test_parameters_change_live_or_are_refused(listener, start):
     start(executable(*FRONTEND), "--ros-args")
     listener.until(lambda: well(listener, "/frontend"))
     tracks = listener.listen(msg.FeatureTracks, "feature_tracks")
-    camera = CameraDriver(listener.node)
-    listener.until(lambda: camera.listeners)
-    listener.spin(0.5)
+    camera = connected_camera(listener)
     stream = list(spinning_squares.events(0.9))
     camera.send(stream[:300])
     listener.until(lambda: tracks)
@@ -216,9 +222,7 @@ def test_parameters_describe_themselves(listener, start):
 def test_lost_and_unreadable_packets_turn_diagnostics_to_warn_and_back(listener, start):
     start(executable(*FRONTEND), "--ros-args")
     listener.until(lambda: well(listener, "/frontend"))
-    camera = CameraDriver(listener.node)
-    listener.until(lambda: camera.listeners)
-    listener.spin(0.5)
+    camera = connected_camera(listener)
     stream = list(spinning_squares.events(0.3))
     camera.send(stream[:100])
     listener.until(lambda: well(listener, "/frontend"))
@@ -256,9 +260,7 @@ def test_a_recording_that_begins_again_begins_anew(listener, start):
     start(executable(*BACKEND), "--ros-args", "-p", "idle_solve_s:=0.0")
     start(executable(*FRONTEND), "--ros-args", "-p", "events.reliability:=reliable", "-p", "wait_for_back_end:=true")
     listener.listen(msg.OrbitEstimate, "orbit", LATCHED)
-    camera = CameraDriver(listener.node)
-    listener.until(lambda: camera.listeners)
-    listener.spin(0.5)
+    camera = connected_camera(listener)
     stream = list(spinning_squares.events(1.9))
     rates = []
     for turn in (1, 2):
@@ -280,9 +282,7 @@ def test_a_recording_that_begins_again_begins_anew(listener, start):
 def test_an_inactive_node_takes_nothing_and_loses_nothing(listener, start):
     start(executable(*FRONTEND), "--ros-args")
     listener.until(lambda: well(listener, "/frontend"))
-    camera = CameraDriver(listener.node)
-    listener.until(lambda: camera.listeners)
-    listener.spin(0.5)
+    camera = connected_camera(listener)
     stream = list(spinning_squares.events(0.3))
     camera.send(stream[:100])
     flushed(listener, 100)

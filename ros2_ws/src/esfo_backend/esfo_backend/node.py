@@ -26,7 +26,7 @@ from esfo_backend.warm_up import warm_up
 from esfo_core.errors import CameraError
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.lifecycle.node import ManagedNode
-from esfo_core.messages import Service, Topic, from_stamp, latched, reliable, to_stamp
+from esfo_core.messages import CAMERA_INFO, Service, Topic, from_stamp, latched, reliable, to_stamp
 from esfo_core.node import run
 from esfo_core.orbit import Spin
 from esfo_core.recordings.messages import camera_from_info
@@ -35,7 +35,6 @@ from esfo_core.worker import Worker
 TF_PERIOD_S = 1 / 30
 CLOCK_DIFFERENCE_S = 5.0
 
-CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
 # Much comes while the worker holds the interpreter; nothing of it may be lost.
 TRACKS = Topic("feature_tracks", msg.FeatureTracks, reliable(10_000), "rows of tracks: id, sensor time in ns, px")
 ACTIVITY = Topic("event_activity", msg.EventActivity, reliable(10_000), "event counts by time bin, polarity and cell")
@@ -85,7 +84,7 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         self._spin: Spin | None = None
         self._estimate: OrbitEstimate | None = None
         self._complaint = ""
-        worker = self.start_worker(self._solve_if_due, capacity=1)
+        worker = self.make_worker(self._solve_if_due, capacity=1)
         worker.when_idle(self.live.idle_solve_s, self._solve)
         return worker
 

@@ -11,6 +11,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
 
 from esfo_core.errors import EsfoError
 from esfo_core.options import OptionField
@@ -55,6 +56,9 @@ def latched() -> QoSProfile:
 def best_effort(depth: int) -> QoSProfile:
     """Return the profile of a stream that matches every publisher, and of which some may be lost."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
 
 
 def mismatch(publisher: QoSProfile, subscription: QoSProfile) -> str:

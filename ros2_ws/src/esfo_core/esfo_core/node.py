@@ -1,7 +1,6 @@
 """What every node shares: parameters made from options, services that take their time, an orderly start and end.
 
-With `node.py` and `messages.py` of the other packages, `messages.py` and `lifecycle/node.py` here, this is the only
-module that needs ROS.
+ROS is needed by modules called `node.py` or `messages.py` alone, here as in the other packages.
 """
 
 from __future__ import annotations

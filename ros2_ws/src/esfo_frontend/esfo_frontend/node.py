@@ -17,7 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, RecordingError
 from esfo_core.lifecycle.node import DIAGNOSE_S, ManagedNode
-from esfo_core.messages import Service, Topic, best_effort, latched, reliable
+from esfo_core.messages import CAMERA_INFO, Service, Topic, best_effort, latched, reliable
 from esfo_core.node import run
 from esfo_core.orbit import Spin
 from esfo_core.packets import SUPPORTED, packet_from_cdr, sequence_of
@@ -33,7 +33,6 @@ from esfo_frontend.warm_up import warm_up
 CONNECT_S, FOLLOW_S, DRAW_S = 0.05, 1.0, 0.2
 
 EVENTS = Topic("events", EventPacket, best_effort(1000), "packets or arrays of events; px, sensor time")
-CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
 ORBIT = Topic("orbit", OrbitEstimate, latched(), "motion, drawn into the overlay")
 CLUSTERS = Topic("corner_clusters", CornerClusters, reliable(100), "corners in px and ns of sensor time, cluster ids")
 TRACKS = Topic("feature_tracks", FeatureTracks, reliable(100), "rows of tracks: id, sensor time in ns, px")
@@ -80,7 +79,7 @@ class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
         self._complaint = ""
         self._earlier = self._stream.health(dropped=0)
         self._new_events = 0
-        worker = self.start_worker(self._process, self.live.queue)
+        worker = self.make_worker(self._process, self.live.queue)
         worker.when_idle(self.live.idle_flush_s, self._flush)
         return worker
 

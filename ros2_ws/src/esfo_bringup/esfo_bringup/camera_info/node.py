@@ -6,16 +6,13 @@ import sys
 from pathlib import Path
 
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
 
 from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.messages import camera_info_message
 from esfo_core.camera import Camera
 from esfo_core.errors import OptionError
-from esfo_core.messages import Topic, latched
+from esfo_core.messages import CAMERA_INFO
 from esfo_core.node import declare_fields, run
-
-CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
 
 
 class CameraInfoNode(Node):  # type: ignore[misc]

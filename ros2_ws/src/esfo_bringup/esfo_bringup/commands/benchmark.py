@@ -13,10 +13,10 @@ from esfo_bringup.benchmark.orbit_accuracy import OrbitResult, find_scenes, meas
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
-from esfo_bringup.results import versions
 from esfo_bringup.settings import RunSettings, settings_for, share_out
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions, open_recording
+from esfo_core.result_files import versions
 from esfo_frontend.options import PRESETS
 from esfo_frontend.warm_up import warm_up
 

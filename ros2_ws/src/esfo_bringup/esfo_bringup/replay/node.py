@@ -13,19 +13,17 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo
 from tqdm import tqdm
 
 from esfo_bringup.replay.messages import acknowledged_until, camera_info_message, clock_message, packet_message
 from esfo_bringup.replay.player import Pace, ReplayError, ReplayOptions, choose_camera, packets
 from esfo_core.errors import OptionError
 from esfo_core.events import EventArray
-from esfo_core.messages import Topic, latched, reliable
+from esfo_core.messages import CAMERA_INFO, Topic, reliable
 from esfo_core.node import declare_fields, run
 from esfo_core.recordings import open_recording
 
 EVENTS = Topic("events", EventPacket, reliable(1000), "encoding `mono`; packets of 2 ms; sensor time is host time")
-CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, distortion, size in px")
 CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms of it")
 ACTIVITY = Topic("event_activity", EventActivity, reliable(1000), "with rate 0: how far the front-end has come")
 

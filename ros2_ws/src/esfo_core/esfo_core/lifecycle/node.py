@@ -157,7 +157,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         self._ticks.append(self.create_timer(seconds, job, clock=clock))
         return self._ticks[-1]
 
-    def start_worker(self, work: Callable[[Any], None], capacity: int) -> Worker[Any]:
+    def make_worker(self, work: Callable[[Any], None], capacity: int) -> Worker[Any]:
         """Return a worker whose failure ends the process, so that `run` reports it."""
 
         def fail() -> None:

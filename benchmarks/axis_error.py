@@ -23,21 +23,21 @@ from backend import NAMES, folder_of
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from esfo_backend.adjust import Adjusted, adjust, linear_points, schur_marginal
-from esfo_backend.covariance import motion_covariance
+from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points, schur_marginal
+from esfo_backend.adjustment.covariance import motion_covariance
+from esfo_backend.initialise.initialisation import Start
+from esfo_backend.landmarks.landmarks import build_structure, prune
 from esfo_backend.options import BackendOptions
-from esfo_backend.problem import Observations, motion_from_axis, observations
-from esfo_backend.start import Start
-from esfo_backend.structure import build_structure, prune
+from esfo_backend.orbit.parametrization import Observations, motion_from_axis, observations
 from esfo_bringup.benchmark.orbit_accuracy import track
 from esfo_core.events import EventArray
 from esfo_core.recordings import open_recording
-from esfo_core.simulation.landmarks import corner_vertices, visible
-from esfo_core.simulation.scene import Scene, SceneOptions, simulate
-from esfo_core.simulation.scene_files import is_written, topspin, write_scene
 from esfo_core.tracks import Tracks
-from esfo_frontend.corners import CornerDetector
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import PRESETS
+from esfo_simulation.landmarks import corner_vertices, visible
+from esfo_simulation.scene import Scene, SceneOptions, simulate
+from esfo_simulation.scene_files import is_written, topspin, write_scene
 
 SUBSET = tuple(n for n in NAMES if n.endswith("-med"))
 STEP_NS = 4_000_000

@@ -26,11 +26,11 @@ from esfo_bringup.benchmark.orbit_accuracy import (
 from esfo_bringup.benchmark.orbit_table import HEADER, row_of, summarise
 from esfo_bringup.settings import settings_for
 from esfo_core.activity import Activity
-from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
-from esfo_core.simulation.scene_files import is_written, topspin, write_scene
 from esfo_core.tracks import Tracks
 from esfo_frontend.options import FrontendOptions
+from esfo_simulation.objects.catalogue import OBJECTS
+from esfo_simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
+from esfo_simulation.scene_files import is_written, topspin, write_scene
 
 NAMES = tuple(topspin(SceneOptions()))
 SUBSET = tuple(

@@ -17,11 +17,11 @@ from sklearn.metrics import adjusted_rand_score
 
 from esfo_core.events import EventArray, make_events
 from esfo_core.recordings import open_recording
-from esfo_core.simulation.scene import SceneOptions, simulate
-from esfo_frontend.clusters import NANOSECONDS, ChunkClusterer, cluster
-from esfo_frontend.corners import CornerDetector
-from esfo_frontend.density import DensityFilter
+from esfo_frontend.clustering.chunk_clusterer import NANOSECONDS, ChunkClusterer, cluster
+from esfo_frontend.clustering.density_filter import DensityFilter
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import PRESETS, ClusterOptions, nanoseconds
+from esfo_simulation.scene import SceneOptions, simulate
 
 RECORDING = Path(__file__).resolve().parents[2] / "shared" / "data" / "raw" / "gen4.dat"
 SCENES = {

@@ -16,9 +16,9 @@ from tqdm import tqdm
 
 from esfo_core.events import EventArray, make_events
 from esfo_core.recordings import open_recording
-from esfo_frontend.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
-from esfo_frontend.corners import CornerDetector
-from esfo_frontend.density import DensityFilter
+from esfo_frontend.clustering.density_filter import DensityFilter
+from esfo_frontend.corners.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import PRESETS, CornerOptions
 
 GEN4 = Path(__file__).resolve().parents[2] / "shared" / "data" / "raw" / "gen4.dat"

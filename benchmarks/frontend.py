@@ -24,11 +24,11 @@ from esfo_bringup.replay.messages import packet_message
 from esfo_core.events import EventArray
 from esfo_core.options import replace
 from esfo_core.recordings import open_recording
-from esfo_core.simulation.scene import SceneOptions, simulate
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions
-from esfo_frontend.pipelines import PIPELINES
+from esfo_frontend.trackers import PIPELINES
 from esfo_frontend.warm_up import warm_up
+from esfo_simulation.scene import SceneOptions, simulate
 
 PACKET_NS = 4_000_000
 STAGES = {

@@ -26,11 +26,11 @@ from esfo_bringup.live.processes import NodeProcess, NodeProcesses
 from esfo_bringup.replay.messages import acknowledged_until, packet_message
 from esfo_bringup.replay.player import MAX_EVENTS
 from esfo_core.packets import EVENT_PACKET, packet_from_cdr
-from esfo_core.simulation.scene import simulate
-from esfo_frontend.live import LiveFrontend
-from esfo_frontend.node import FrontendNode
+from esfo_frontend.online.live_frontend import LiveFrontend
 from esfo_frontend.options import PRESETS
+from esfo_frontend.ros.node import FrontendNode
 from esfo_frontend.warm_up import warm_up
+from esfo_simulation.scene import simulate
 
 AHEAD_NS = 300_000_000
 SLACK_NS = 20_000_000

@@ -16,9 +16,9 @@ from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import Spin, angle_between
-from esfo_core.simulation.activity import synthetic_activity
-from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 from esfo_core.tracks import TrackUpdate
+from esfo_simulation.activity import synthetic_activity
+from esfo_simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 
 RATE_HZ = 0.5
 STEP_S = 0.1

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from esfo_core.clock_offset import ClockOffset
 from esfo_core.codecs import decoder, encoder
 from esfo_core.events import EventArray
 from esfo_core.packets import EVENT_PACKET, Packet, packet_from_cdr, sequence_of
 from esfo_core.recordings import open_recording
 from esfo_core.recordings.messages import header, typestore
 from esfo_frontend.frontend import Frontend
-from esfo_frontend.live import LiveFrontend
+from esfo_frontend.online.clock_offset import ClockOffset
+from esfo_frontend.online.live_frontend import LiveFrontend
 from esfo_frontend.options import PRESETS
 from esfo_frontend.warm_up import warm_up
 

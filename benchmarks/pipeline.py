@@ -14,10 +14,10 @@ from esfo_backend.options import PRESETS as BACKEND_PRESETS
 from esfo_core.camera import Camera
 from esfo_core.events import EventArray
 from esfo_core.orbit import NANOSECONDS, angle_between
-from esfo_core.simulation.scene import SceneOptions, simulate
-from esfo_frontend.corners import CornerDetector
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
+from esfo_simulation.scene import SceneOptions, simulate
 
 
 def cpu(work: Callable[[], object]) -> float:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
 from esfo_core.recordings import open_recording
-from esfo_core.simulation.scene import SceneOptions, simulate
-from esfo_core.simulation.sensor.catalogue import SENSORS
+from esfo_simulation.scene import SceneOptions, simulate
+from esfo_simulation.sensor.catalogue import SENSORS
 
 REAL = {
     "davis240c": ["event_camera_dataset/shapes_rotation/events.txt", "event_camera_dataset/boxes_rotation/events.txt"],

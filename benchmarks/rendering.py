@@ -14,9 +14,9 @@ from tqdm import tqdm
 
 from esfo_core.camera import Camera
 from esfo_core.orbit import rotation
-from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.render.renderer import Light, Renderer, Window
-from esfo_core.simulation.render.surface import Model
+from esfo_simulation.objects.catalogue import OBJECTS
+from esfo_simulation.render.renderer import Light, Renderer, Window
+from esfo_simulation.render.surface import Model
 
 SIZES = ((346, 260), (640, 480), (1280, 720))
 AXIS, DISTANCE = np.array([0.3, -0.7, -0.6]) / np.linalg.norm([0.3, -0.7, -0.6]), 3.0

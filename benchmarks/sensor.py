@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, shift
 
-from esfo_core.simulation.render.renderer import Levels
-from esfo_core.simulation.sensor import event_sensor
-from esfo_core.simulation.sensor.event_sensor import Sensor
-from esfo_core.simulation.sensor.options import SensorOptions
+from esfo_simulation.render.renderer import Levels
+from esfo_simulation.sensor import event_sensor
+from esfo_simulation.sensor.event_sensor import Sensor
+from esfo_simulation.sensor.options import SensorOptions
 
 SIZE, WINDOW, ORIGIN = (1280, 720), 600, (300, 60)
 LEVELS = Levels(-3.0, 4e-5)

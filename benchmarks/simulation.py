@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 
 from esfo_core.options import replace
-from esfo_core.simulation.scene import SceneOptions
-from esfo_core.simulation.scene_files import write_scene
+from esfo_simulation.scene import SceneOptions
+from esfo_simulation.scene_files import write_scene
 
 SCENES = {
     "1280x720, 3 turns": ({"width": 1280, "height": 720, "revolutions": 3.0, "sensor.threshold_on": 0.45}, 90.0),

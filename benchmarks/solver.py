@@ -18,16 +18,16 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
 
-from esfo_backend.adjust import Adjusted, adjust, linear_points
-from esfo_backend.colmap import colmap_start, cut_views
-from esfo_backend.direct import direct_start
-from esfo_backend.graph import graph_values, optimise_graph, orbit_graph
+from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points
+from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_graph
+from esfo_backend.initialise.axis_search import direct_start
+from esfo_backend.initialise.colmap import colmap_start, cut_views
 from esfo_backend.options import StartOptions
-from esfo_backend.problem import Motion, Observations, Rows, motion_from_axis, observations
-from esfo_backend.projection import linearize_stack, project_row, robust_cost
+from esfo_backend.orbit.parametrization import Motion, Observations, Rows, motion_from_axis, observations
+from esfo_backend.orbit.projection import linearize_stack, project_row, robust_cost
 from esfo_core.camera import Camera
 from esfo_core.orbit import Matrix, Spin, Vector, angle_between, rotation
-from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
+from esfo_simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 
 try:
     import pyceres

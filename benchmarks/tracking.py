@@ -21,19 +21,19 @@ from numpy.typing import NDArray
 from tracking_truth import offset_to_corners, places, poses_of
 
 from esfo_core.camera import Camera
+from esfo_core.evaluation.track_error import FittedTracks, fit_tracks
 from esfo_core.events import EventArray
 from esfo_core.options import parse_assignments, replace
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.simulation.handheld.rooms import corners
-from esfo_core.simulation.handheld.scene import HandheldOptions, handheld_scene
-from esfo_core.simulation.landmarks import corner_vertices, visible
-from esfo_core.simulation.scene import Scene, SceneOptions, simulate
-from esfo_core.simulation.sensor.options import SensorOptions
-from esfo_core.track_evaluation import FittedTracks, fit_tracks
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions
 from esfo_frontend.warm_up import warm_up
+from esfo_simulation.handheld.rooms import corners
+from esfo_simulation.handheld.scene import HandheldOptions, handheld_scene
+from esfo_simulation.landmarks import corner_vertices, visible
+from esfo_simulation.scene import Scene, SceneOptions, simulate
+from esfo_simulation.sensor.options import SensorOptions
 
 SMALL = {"width": 346, "height": 260}
 SCENES = {

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
-from esfo_core.simulation.motion import Motion
-from esfo_core.track_evaluation import FittedTracks, WorldToCamera
+from esfo_core.evaluation.track_error import FittedTracks, WorldToCamera
+from esfo_simulation.motion import Motion
 
 
 def poses_of(motion: Motion) -> WorldToCamera:

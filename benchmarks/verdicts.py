@@ -11,7 +11,7 @@ from esfo_backend.options import BackendOptions, StartOptions
 from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import angle_between
-from esfo_core.simulation.scene import MotionOptions, Scene, SceneOptions, simulate
+from esfo_simulation.scene import MotionOptions, Scene, SceneOptions, simulate
 
 Change = dict[str, object]
 

@@ -12,7 +12,7 @@ run() {
 }
 
 # The same options give the same bytes, so an existing recording is as good as a new one.
-if [[ ! -f demo/scene.truth.json || -n $(find ros2_ws/src/esfo_core/esfo_core/simulation -name '*.py' -newer demo/scene.truth.json) ]]; then
+if [[ ! -f demo/scene.truth.json || -n $(find ros2_ws/src/esfo_simulation/esfo_simulation -name '*.py' -newer demo/scene.truth.json) ]]; then
   run esfo simulate --object hubble --view diagonal --speed medium --revolutions 2.5 -o demo/scene.mcap
 fi
 run esfo live demo/scene.mcap -o demo

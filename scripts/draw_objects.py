@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.render.renderer import Renderer, Window
-from esfo_core.simulation.scene import Scene, SceneOptions, simulate
-from esfo_core.simulation.simulator import BLUR_PX
+from esfo_simulation.objects.catalogue import OBJECTS
+from esfo_simulation.render.renderer import Renderer, Window
+from esfo_simulation.scene import Scene, SceneOptions, simulate
+from esfo_simulation.simulator import BLUR_PX
 
 mpl.use("Agg")
 

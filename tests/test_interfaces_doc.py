@@ -12,19 +12,19 @@ pytest.importorskip("esfo_msgs.msg", reason="the messages are not built: make se
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-import esfo_backend.live
 import esfo_backend.options
-import esfo_frontend.live
+import esfo_backend.ros.live_backend
+import esfo_frontend.online.live_frontend
 import esfo_frontend.options
-from esfo_backend.node import BackendNode
+from esfo_backend.ros.node import BackendNode
 from esfo_bringup.camera_info.node import CameraInfoNode
 from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.node import ReplayNode
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
-from esfo_core.simulation.handheld.scene import HandheldOptions
-from esfo_core.simulation.scene import SceneOptions
-from esfo_frontend.node import FrontendNode
+from esfo_frontend.ros.node import FrontendNode
+from esfo_simulation.handheld.scene import HandheldOptions
+from esfo_simulation.scene import SceneOptions
 
 ROOT = Path(__file__).parents[1]
 DOCUMENT = ROOT / "docs/interfaces.md"
@@ -88,9 +88,9 @@ def tables():
         "topics": topic_table(),
         "services": service_table(),
         "frontend": parameter_table(frontend["default"], frontend["paper"]),
-        "frontend node": parameter_table(esfo_frontend.live.LiveOptions(), None),
+        "frontend node": parameter_table(esfo_frontend.online.live_frontend.LiveOptions(), None),
         "backend": parameter_table(backend["default"], backend["paper"]),
-        "backend node": parameter_table(esfo_backend.live.LiveOptions(), None),
+        "backend node": parameter_table(esfo_backend.ros.live_backend.LiveOptions(), None),
         "replay": parameter_table(ReplayOptions(), None),
         "camera_info": parameter_table(CameraInfoOptions(), None),
         "simulate": parameter_table(SceneOptions(), None),

@@ -10,7 +10,15 @@ PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
 
 
 def test_all_packages_are_there():
-    assert [p.name for p in PACKAGES] == ["esfo_backend", "esfo_bringup", "esfo_core", "esfo_frontend", "esfo_msgs"]
+    assert [p.name for p in PACKAGES] == [
+        "esfo_backend",
+        "esfo_bringup",
+        "esfo_core",
+        "esfo_frontend",
+        "esfo_msgs",
+        "esfo_ros",
+        "esfo_simulation",
+    ]
 
 
 def test_versions_agree():

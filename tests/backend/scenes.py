@@ -8,9 +8,9 @@ from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions
 from esfo_core.camera import Camera
 from esfo_core.orbit import Spin
-from esfo_core.simulation.activity import synthetic_activity
-from esfo_core.simulation.tracks import SyntheticTrackOptions, SyntheticTracks, synthetic_tracks
 from esfo_core.tracks import TrackUpdate
+from esfo_simulation.activity import synthetic_activity
+from esfo_simulation.tracks import SyntheticTrackOptions, SyntheticTracks, synthetic_tracks
 
 CAMERA = Camera.pinhole(640, 480, 800.0)
 NONE_ENDED = np.empty(0, np.uint32)

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend import adjust as adjust_module
-from esfo_backend import graph as graph_module
-from esfo_backend.adjust import _step, adjust, linear_points, normal_equations
-from esfo_backend.covariance import motion_covariance
-from esfo_backend.graph import graph_values, optimise_graph, orbit_factor
-from esfo_backend.problem import motion_from_axis, observations
+from esfo_backend.adjustment import bundle_adjustment as adjust_module
+from esfo_backend.adjustment import factor_graph as graph_module
+from esfo_backend.adjustment.bundle_adjustment import _step, adjust, linear_points, normal_equations
+from esfo_backend.adjustment.covariance import motion_covariance
+from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_factor
+from esfo_backend.orbit.parametrization import motion_from_axis, observations
 from esfo_core.orbit import angle_between, rotation, tangent_basis
 
 AXES = [unit(0, 1, 0), unit(1, 0, 0), unit(0.3, -0.8, 0.4), unit(-0.5, -0.5, 0.7), unit(0.1, 0.5, -0.85)]

@@ -8,8 +8,8 @@ from esfo_backend.backend import Backend
 from esfo_backend.options import PRESETS, BackendOptions, StartOptions
 from esfo_core.options import replace
 from esfo_core.orbit import angle_between
-from esfo_core.simulation.activity import synthetic_activity
 from esfo_core.tracks import Tracks, TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
 DIRECT = BackendOptions(start=StartOptions(method="direct"))

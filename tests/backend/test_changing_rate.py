@@ -5,13 +5,13 @@ import pytest
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
-from esfo_backend.changing_rate import changing_rate
 from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions, SpinRateOptions, StartOptions
+from esfo_backend.spin_rate.rate_ramp import changing_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import NANOSECONDS, angle_between
-from esfo_core.simulation.activity import synthetic_activity
 from esfo_core.tracks import Tracks, TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
 RATE = 0.5

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.circle import fit_circle, orbit_of_cameras
-from esfo_backend.colmap import bounded, colmap_start, cut_views
 from esfo_backend.errors import BackendError
+from esfo_backend.initialise.circle import fit_circle, orbit_of_cameras
+from esfo_backend.initialise.colmap import bounded, colmap_start, cut_views
 from esfo_backend.options import StartOptions
 from esfo_core.orbit import angle_between
 

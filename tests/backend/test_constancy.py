@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points
-from esfo_backend.constancy import Constancy, constancy, widened
-from esfo_backend.covariance import MotionCovariance
-from esfo_backend.no_period import _ends, translation_spread, why_no_period
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.adjustment.covariance import MotionCovariance
+from esfo_backend.landmarks.landmarks import recurring_points, repeatable_points
 from esfo_backend.options import VerdictOptions
-from esfo_backend.problem import Observations, Rows, motion_from_axis, observations
-from esfo_backend.structure import recurring_points, repeatable_points
+from esfo_backend.orbit.parametrization import Observations, Rows, motion_from_axis, observations
+from esfo_backend.spin_rate.aperiodic import _ends, translation_spread, why_no_period
+from esfo_backend.verdict.rigidity import Constancy, constancy, widened
 from esfo_core.orbit import NANOSECONDS, angle_between, rotation
 from esfo_core.tracks import Tracks
 

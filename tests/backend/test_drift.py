@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
 from esfo_backend.backend import Backend
-from esfo_backend.drift import rate_drift
 from esfo_backend.options import BackendOptions, StartOptions
-from esfo_backend.problem import motion_from_axis, observations
-from esfo_core.simulation.activity import synthetic_activity
+from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.verdict.rate_slope import rate_drift
 from esfo_core.tracks import Tracks, TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
 

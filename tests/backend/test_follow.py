@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points, schur_marginal
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points, schur_marginal
+from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.errors import BackendError
-from esfo_backend.follow import Follower, thinned
-from esfo_backend.graph import optimise_graph
+from esfo_backend.online.incremental import Follower, thinned
 from esfo_backend.options import BackendOptions, LiveOptions
-from esfo_backend.problem import motion_from_axis, observations
+from esfo_backend.orbit.parametrization import motion_from_axis, observations
 from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from esfo_backend.history import History, coarser
+from esfo_backend.online.stream_memory import History, coarser
 from esfo_backend.options import MemoryOptions
 from esfo_core.activity import Activity, ActivityError
 from esfo_core.tracks import Tracks, TrackUpdate

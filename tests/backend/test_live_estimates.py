@@ -7,11 +7,11 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 from esfo_backend.backend import Backend
 from esfo_backend.errors import StateError
 from esfo_backend.options import BackendOptions, LiveOptions, MemoryOptions, StartOptions
-from esfo_backend.spin_rate import correlation_rate
+from esfo_backend.spin_rate.correlation import correlation_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import angle_between, rotation
-from esfo_core.simulation.activity import synthetic_activity
 from esfo_core.tracks import TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
 DIRECT = BackendOptions(start=StartOptions(method="direct"))

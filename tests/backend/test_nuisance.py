@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points
-from esfo_backend.covariance import motion_covariance
-from esfo_backend.graph import optimise_graph
-from esfo_backend.nuisance import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
-from esfo_backend.problem import motion_from_axis, observations
-from esfo_backend.projection import cauchy_weight, linearize_row
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.adjustment.consider_bias import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
+from esfo_backend.adjustment.covariance import motion_covariance
+from esfo_backend.adjustment.factor_graph import optimise_graph
+from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.orbit.projection import cauchy_weight, linearize_row
 from esfo_core.orbit import NANOSECONDS, angle_between, rotation, tangent_basis
 from esfo_core.tracks import Tracks
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import normal_equations
-from esfo_backend.problem import Motion, Rows, motion_from_axis, observations, spin_and_points
-from esfo_backend.projection import (
+from esfo_backend.adjustment.bundle_adjustment import normal_equations
+from esfo_backend.orbit.parametrization import Motion, Rows, motion_from_axis, observations, spin_and_points
+from esfo_backend.orbit.projection import (
     BEHIND_CAMERA_COST,
     cauchy_weight,
     linearize_row,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjust import adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.landmarks.landmarks import Structure, drop_far
+from esfo_backend.landmarks.reidentification import merge_round, point_rms, reidentify
 from esfo_backend.options import ReidentificationOptions
-from esfo_backend.problem import motion_from_axis, observations
-from esfo_backend.reidentify import merge_round, point_rms, reidentify
-from esfo_backend.structure import Structure, drop_far
+from esfo_backend.orbit.parametrization import motion_from_axis, observations
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.3])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.direct import direct_start
+from esfo_backend.initialise.axis_search import direct_start
 from esfo_backend.options import StartOptions
-from esfo_backend.problem import observations
-from esfo_backend.selection import longest_points, spread
+from esfo_backend.orbit.parametrization import observations
+from esfo_backend.orbit.selection import longest_points, spread
 from esfo_core.orbit import angle_between
 
 

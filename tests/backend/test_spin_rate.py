@@ -8,10 +8,10 @@ from scenes import CAMERA, spin, unit
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
-from esfo_backend.spin_rate import _clearly_worse, _delay, _difference, correlation_rate, fourier_rate
+from esfo_backend.spin_rate.correlation import _clearly_worse, _delay, _difference, correlation_rate, fourier_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import rotation
-from esfo_core.simulation.activity import synthetic_activity
+from esfo_simulation.activity import synthetic_activity
 
 
 def ball(count, seed=0):

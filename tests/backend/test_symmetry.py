@@ -8,10 +8,10 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions, StartOptions
-from esfo_backend.spin_rate import correlation_rate
+from esfo_backend.spin_rate.correlation import correlation_rate
 from esfo_core.orbit import angle_between, rotation
-from esfo_core.simulation.activity import synthetic_activity
 from esfo_core.tracks import Tracks, TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
 RATE, PERIOD_S = 0.5, 2.0

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from esfo_backend.constancy import Constancy
-from esfo_backend.covariance import MotionCovariance
-from esfo_backend.drift import RateDrift
+from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.options import BackendOptions, StartOptions, VerdictOptions
-from esfo_backend.verdict import Evidence, judge
+from esfo_backend.verdict.rate_slope import RateDrift
+from esfo_backend.verdict.rigidity import Constancy
+from esfo_backend.verdict.verdict import Evidence, judge
 from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
 from esfo_core.estimate import Alternative
-from esfo_core.simulation.scene import MotionOptions, SceneOptions, simulate
+from esfo_simulation.scene import MotionOptions, SceneOptions, simulate
 
 GOOD = Evidence(
     rate_hz=0.5,

@@ -2,11 +2,14 @@
 
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
-from esfo_backend import adjust, nuisance, projection, spin_rate
+from esfo_backend.adjustment import bundle_adjustment as adjust
+from esfo_backend.adjustment import consider_bias as nuisance
 from esfo_backend.backend import Backend
+from esfo_backend.orbit import projection
+from esfo_backend.spin_rate import correlation as spin_rate
 from esfo_backend.warm_up import warm_up
-from esfo_core.simulation.activity import synthetic_activity
 from esfo_core.tracks import TrackUpdate
+from esfo_simulation.activity import synthetic_activity
 
 
 def compiled():

@@ -15,11 +15,11 @@ from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import Spin, angle_between, rotation
 from esfo_core.recordings import write_mcap
 from esfo_core.recordings.event_camera_dataset import write_event_camera_dataset
-from esfo_core.simulation.activity import synthetic_activity
-from esfo_core.simulation.scene import SceneOptions
-from esfo_core.simulation.scene_files import write_scene
-from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 from esfo_frontend.warm_up import drifting_squares
+from esfo_simulation.activity import synthetic_activity
+from esfo_simulation.scene import SceneOptions
+from esfo_simulation.scene_files import write_scene
+from esfo_simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 
 CAMERA = Camera.pinhole(640, 480, 800.0)
 AXIS = np.array([0.3, -0.8, 0.4]) / np.linalg.norm([0.3, -0.8, 0.4])

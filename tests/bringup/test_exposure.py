@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from esfo_bringup.exposure import LONGEST_MOMENT_NS, Exposure
+from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, Exposure
 from esfo_core.events import empty_events, make_events
 
 WIDTH, HEIGHT, START = 7, 5, 3_000_000_123

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-import esfo_backend.live
 import esfo_backend.options
-import esfo_frontend.live
+import esfo_backend.ros.live_backend
+import esfo_frontend.online.live_frontend
 import esfo_frontend.options
 from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.player import ReplayOptions
@@ -22,8 +22,8 @@ SOURCE = ROOT / "ros2_ws/src"
 BRINGUP = SOURCE / "esfo_bringup"
 LAUNCH_FILE = BRINGUP / "launch/esfo.launch.py"
 NODES = {
-    "frontend": (esfo_frontend.options.FrontendOptions(), esfo_frontend.live.LiveOptions()),
-    "backend": (esfo_backend.options.BackendOptions(), esfo_backend.live.LiveOptions()),
+    "frontend": (esfo_frontend.options.FrontendOptions(), esfo_frontend.online.live_frontend.LiveOptions()),
+    "backend": (esfo_backend.options.BackendOptions(), esfo_backend.ros.live_backend.LiveOptions()),
 }
 OTHERS = (ReplayOptions(), CameraInfoOptions())
 OF_ALL_NODES = {"preset", "autostart", "use_sim_time"}

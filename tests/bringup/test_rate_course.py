@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from esfo_bringup.rate_course import rate_course
+from esfo_bringup.results.rate_over_time import rate_course
 from esfo_core.activity import Activity
 
 BIN = 5_000_000

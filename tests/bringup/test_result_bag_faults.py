@@ -7,10 +7,13 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from esfo_bringup import offline
+from esfo_backend.backend import Backend
 from esfo_bringup.cli import main
-from esfo_bringup.offline import open_source, run_offline
+from esfo_bringup.offline import pipeline as offline
+from esfo_bringup.offline.pipeline import run_offline
+from esfo_bringup.offline.source import open_source
 from esfo_bringup.result_bag import opening
+from esfo_bringup.result_bag.recorder import Recorder
 from esfo_bringup.result_bag.stream_health import StreamHealth
 from esfo_bringup.settings import settings_for
 from esfo_core.camera import Camera
@@ -53,8 +56,8 @@ def test_a_guessed_camera_is_not_handed_on(noise):
     source = open_source(noise, None)
     guess = SimpleNamespace(recording=source.recording, camera=source.camera, assumed=True)
     out = noise.parent / "out"
-    with opening.ResultBag(out, guess, "all") as bag:
-        bag.finish(run_offline(source, settings_for("default", {}), bag.add))
+    with opening.ResultBag(out, guess, "all", Recorder) as bag:
+        bag.finish(run_offline(source, settings_for("default", {}), Backend, bag.add))
     assert "/camera_info" not in topics_with_messages(out / "result.mcap")
 
 

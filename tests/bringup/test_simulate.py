@@ -8,8 +8,8 @@ from esfo_bringup.cli import main
 from esfo_bringup.commands import simulate
 from esfo_core.recordings import open_recording
 from esfo_core.recordings.event_camera_dataset import read_calib, read_groundtruth
-from esfo_core.simulation.scene_files import topspin
-from esfo_core.simulation.sensor.catalogue import SENSORS
+from esfo_simulation.scene_files import topspin
+from esfo_simulation.sensor.catalogue import SENSORS
 
 SMALL = ["-p", "width:=96", "-p", "height:=72", "-p", "rate_hz:=5.0", "--revolutions", "0.1"]
 

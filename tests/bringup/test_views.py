@@ -11,11 +11,11 @@ pytest.importorskip("esfo_msgs.msg", reason="the messages are not built: make se
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from esfo_backend.messages import POINT_DTYPE
-from esfo_backend.node import BackendNode
+from esfo_backend.ros.messages import POINT_DTYPE
+from esfo_backend.ros.node import BackendNode
 from esfo_bringup.replay.node import ReplayNode
-from esfo_core.messages import mismatch
-from esfo_frontend.node import FrontendNode
+from esfo_frontend.ros.node import FrontendNode
+from esfo_ros.topics import mismatch
 
 BRINGUP = Path(__file__).parents[2] / "ros2_ws/src/esfo_bringup"
 HEALTH = "diagnostics"  # published by the base of the nodes, in no list of theirs

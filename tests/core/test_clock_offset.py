@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from esfo_core.clock_offset import BUCKET_NS, DRIFT, JUMP_NS, WINDOW_NS, ClockOffset
+from esfo_frontend.online.clock_offset import BUCKET_NS, DRIFT, JUMP_NS, WINDOW_NS, ClockOffset
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -7,7 +7,7 @@ import pytest
 
 from esfo_core.camera import Camera
 from esfo_core.errors import EsfoError
-from esfo_core.evaluation import Evaluation, EvaluationError, compare
+from esfo_core.evaluation.orbit_error import Evaluation, EvaluationError, compare
 
 TRUTH = {"spin_rate_hz": 0.5, "axis": [0.0, 1.0, 0.0], "center": [0.0, 0.0, 4.0]}
 CAMERA = Camera.pinhole(641, 481, 800.0)

@@ -12,8 +12,8 @@ from esfo_core.errors import CameraError, RecordingError
 from esfo_core.events import make_events
 from esfo_core.recordings import open_recording
 from esfo_core.recordings.event_camera_dataset import read_calib, read_groundtruth, write_event_camera_dataset
-from esfo_core.simulation.handheld.scene import DAVIS240C
-from esfo_core.simulation.handheld.trajectory import random_trajectory
+from esfo_simulation.handheld.scene import DAVIS240C
+from esfo_simulation.handheld.trajectory import random_trajectory
 
 SPAN = (1_000_000_000, 1_052_000_000)
 POSE = "1.5 0.1 0.2 0.3 0 0 0 1\n"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from esfo_core.packet_numbers import MAX_GAP, MEMORY, WRAP, PacketNumbers, Turn
+from esfo_frontend.online.sequence_tracker import MAX_GAP, MEMORY, WRAP, PacketNumbers, Turn
 
 NEXT, GAP, STALE, RESTART = Turn
 

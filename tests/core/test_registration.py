@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from esfo_core.evaluation.registration import RegistrationError, Surface, register
 from esfo_core.orbit import Spin, object_frame, rotation
-from esfo_core.registration import RegistrationError, Surface, register
-from esfo_core.simulation.objects.catalogue import OBJECTS
+from esfo_simulation.objects.catalogue import OBJECTS
 
 AXIS = np.array([0.3, -0.8, 0.4]) / np.linalg.norm([0.3, -0.8, 0.4])
 TRUE = Spin(AXIS, 0.5, np.array([0.1, 0.05, 4.0]), 0)

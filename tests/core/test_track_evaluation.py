@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from esfo_core.camera import Camera
+from esfo_core.evaluation.track_error import fit_tracks
 from esfo_core.orbit import Spin, rotation
-from esfo_core.simulation.tracks import SyntheticTrackOptions, synthetic_tracks
-from esfo_core.track_evaluation import fit_tracks
 from esfo_core.tracks import Tracks
+from esfo_simulation.tracks import SyntheticTrackOptions, synthetic_tracks
 
 CAMERA = Camera.pinhole(640, 480, 800.0)
 SPIN = Spin(np.array([0.36, -0.8, 0.48]), 0.5, np.array([0.1, 0.05, 4.0]), 1_000_000_000)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from esfo_frontend.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
+from esfo_frontend.corners.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
 
 NEVER = np.iinfo(np.int64).min
 USUAL = (3, 6, 4, 8)

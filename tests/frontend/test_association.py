@@ -5,9 +5,9 @@ import pytest
 
 from esfo_core.events import empty_events, make_events
 from esfo_core.tracks import Tracks
-from esfo_frontend.association import CornerAssociation
+from esfo_frontend.association.corner_association import CornerAssociation
+from esfo_frontend.clustering.track_windows import PRIOR_DEGREES
 from esfo_frontend.options import AssociationOptions, TrackOptions
-from esfo_frontend.tracks import PRIOR_DEGREES
 
 MS = 1_000_000
 SIZE = (120, 90)

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import minimum_spanning_tree as scipy_spanning_tree
 
 from esfo_core.events import make_events
-from esfo_frontend.clusters import NOISE, cluster
-from esfo_frontend.hierarchy import flat_clusters, number_by_first, single_linkage
-from esfo_frontend.kd_tree import LEAF_SIZE, build_tree, nearest_neighbours
+from esfo_frontend.clustering.chunk_clusterer import NOISE, cluster
+from esfo_frontend.clustering.hdbscan.condensed_tree import flat_clusters, number_by_first, single_linkage
+from esfo_frontend.clustering.hdbscan.kd_tree import LEAF_SIZE, build_tree, nearest_neighbours
+from esfo_frontend.clustering.hdbscan.spanning_tree import minimum_spanning_tree
 from esfo_frontend.options import ClusterOptions
-from esfo_frontend.spanning_tree import minimum_spanning_tree
 
 SIZES = (2, 3, LEAF_SIZE, LEAF_SIZE + 1, 100, 400)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from esfo_core.events import make_events
-from esfo_frontend.clusters import NOISE, ChunkClusterer, cluster, stitch
+from esfo_frontend.clustering.chunk_clusterer import NOISE, ChunkClusterer, cluster, stitch
 from esfo_frontend.options import ClusterOptions
 
 MS = 1_000_000

@@ -9,11 +9,11 @@ from numba import njit
 
 from esfo_core.errors import OptionError
 from esfo_core.events import make_events
-from esfo_frontend import efast
-from esfo_frontend.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
-from esfo_frontend.arc_star import ArcStarDetector
-from esfo_frontend.corners import CornerDetector
-from esfo_frontend.efast import EfastDetector
+from esfo_frontend.corners import efast
+from esfo_frontend.corners.active_surface import BORDER, INNER_CIRCLE, OUTER_CIRCLE
+from esfo_frontend.corners.arc_star import ArcStarDetector
+from esfo_frontend.corners.detector import CornerDetector
+from esfo_frontend.corners.efast import EfastDetector
 from esfo_frontend.errors import FrontendError
 from esfo_frontend.options import CornerOptions, FrontendOptions, check_options
 

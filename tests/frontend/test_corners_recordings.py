@@ -7,7 +7,7 @@ import pytest
 from corner_twins import USUAL, efast_twin
 
 from esfo_core.recordings import open_recording
-from esfo_frontend.corners import CornerDetector
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import CornerOptions
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from esfo_core.events import make_events
-from esfo_frontend import neighbours
-from esfo_frontend.density import DensityFilter
-from esfo_frontend.neighbours import NeighbourCounter, neighbourhood
+from esfo_frontend.clustering import neighbour_counter as neighbours
+from esfo_frontend.clustering.density_filter import DensityFilter
+from esfo_frontend.clustering.neighbour_counter import NeighbourCounter, neighbourhood
 from esfo_frontend.options import PRESETS, DensityOptions
 
 

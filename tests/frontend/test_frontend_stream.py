@@ -10,14 +10,14 @@ from esfo_core.errors import OptionError
 from esfo_core.events import empty_events, make_events
 from esfo_core.options import fields_of, replace
 from esfo_core.tracks import Tracks
-from esfo_frontend.clusters import ChunkClusterer
-from esfo_frontend.corners import CornerDetector
-from esfo_frontend.density import DensityFilter
+from esfo_frontend.clustering.chunk_clusterer import ChunkClusterer
+from esfo_frontend.clustering.cluster_joiner import ClusterJoiner
+from esfo_frontend.clustering.density_filter import DensityFilter
+from esfo_frontend.clustering.track_windows import TrackWindows
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.errors import FrontendError
 from esfo_frontend.frontend import Frontend
-from esfo_frontend.joins import ClusterJoiner
 from esfo_frontend.options import PRESETS, FrontendOptions
-from esfo_frontend.tracks import TrackWindows
 
 MS = 1_000_000
 

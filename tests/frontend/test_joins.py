@@ -3,8 +3,8 @@
 import numpy as np
 
 from esfo_core.events import make_events
-from esfo_frontend.clusters import Clusters, SettledClusters
-from esfo_frontend.joins import ClusterJoiner
+from esfo_frontend.clustering.chunk_clusterer import Clusters, SettledClusters
+from esfo_frontend.clustering.cluster_joiner import ClusterJoiner
 from esfo_frontend.options import JoinOptions
 
 MS = 1_000_000

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from esfo_core.clock_offset import DRIFT
 from esfo_core.packets import SUPPORTED, packet_from_cdr, sequence_of
 from esfo_core.recordings import open_recording
 from esfo_frontend.frontend import Frontend
-from esfo_frontend.live import LiveFrontend
+from esfo_frontend.online.clock_offset import DRIFT
+from esfo_frontend.online.live_frontend import LiveFrontend
 from esfo_frontend.options import PRESETS
 
 BAGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "ros_bags"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from esfo_core.events import make_events
-from esfo_frontend.joins import JoinedCorners
+from esfo_frontend.clustering.cluster_joiner import JoinedCorners
+from esfo_frontend.clustering.track_windows import PRIOR_DEGREES, TrackWindows
 from esfo_frontend.options import TrackOptions
-from esfo_frontend.tracks import PRIOR_DEGREES, TrackWindows
 
 MS = 1_000_000
 

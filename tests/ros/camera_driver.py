@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo
 
 from esfo_bringup.replay.messages import camera_info_message, packet_message
 from esfo_core.events import EventArray
-from esfo_core.messages import latched
+from esfo_ros.topics import latched
 
 SIZE = (spinning_squares.CAMERA.width, spinning_squares.CAMERA.height)
 

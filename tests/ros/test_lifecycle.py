@@ -22,9 +22,9 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from esfo_core.messages import to_stamp
 from esfo_core.orbit import angle_between
 from esfo_core.recordings import write_mcap
+from esfo_ros.time_stamps import to_stamp
 
 CONFIGURE, CLEANUP = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_CLEANUP
 ACTIVATE, DEACTIVATE = Transition.TRANSITION_ACTIVATE, Transition.TRANSITION_DEACTIVATE

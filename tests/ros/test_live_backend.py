@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from esfo_backend import live as live_module
-from esfo_backend.live import LiveBackend, summary, verdict_values
 from esfo_backend.options import BackendOptions
+from esfo_backend.ros import live_backend as live_module
+from esfo_backend.ros.live_backend import LiveBackend, summary, verdict_values
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError

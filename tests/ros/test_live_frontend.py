@@ -8,7 +8,7 @@ from esfo_core.events import empty_events, make_events
 from esfo_core.packets import Packet
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
-from esfo_frontend.live import LiveFrontend
+from esfo_frontend.online.live_frontend import LiveFrontend
 from esfo_frontend.options import PRESETS
 from esfo_frontend.warm_up import HEIGHT, WIDTH, drifting_squares, warm_up
 

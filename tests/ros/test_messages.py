@@ -11,7 +11,7 @@ from esfo_msgs import msg
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Header
 
-from esfo_backend import messages as backend
+from esfo_backend.ros import messages as backend
 from esfo_bringup.replay import messages as replay
 from esfo_core.activity import Activity, ActivityError
 from esfo_core.camera import Camera
@@ -19,13 +19,13 @@ from esfo_core.codecs import decoder
 from esfo_core.errors import EsfoError, TracksError
 from esfo_core.estimate import Alternative, OrbitEstimate
 from esfo_core.events import make_events
-from esfo_core.messages import from_stamp, to_stamp
 from esfo_core.orbit import Spin, angle_between, rotation, tangent_basis
 from esfo_core.packets import EVENT_PACKET, packet_from_cdr
 from esfo_core.recordings.messages import camera_from_info
 from esfo_core.tracks import Tracks, TrackUpdate
-from esfo_frontend import messages as frontend
-from esfo_frontend.clusters import Clusters
+from esfo_frontend.clustering.chunk_clusterer import Clusters
+from esfo_frontend.ros import messages as frontend
+from esfo_ros.time_stamps import from_stamp, to_stamp
 
 HEADER = Header(frame_id="camera")
 AXIS = np.array([0.2, -0.9, 0.387])

@@ -18,7 +18,7 @@ from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from esfo_backend.backend import Backend
-from esfo_backend.messages import estimate_from, update_from
+from esfo_backend.ros.messages import estimate_from, update_from
 from esfo_core.camera import Camera
 from esfo_core.orbit import angle_between
 from esfo_core.recordings import open_recording

@@ -8,9 +8,9 @@ import rclpy
 from rclpy.parameter import Parameter
 
 from esfo_core.errors import OptionError
-from esfo_core.node import declare_options
 from esfo_core.options import fields_of
 from esfo_frontend.options import PRESETS
+from esfo_ros.parameters import declare_options
 
 
 @pytest.fixture

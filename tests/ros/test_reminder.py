@@ -1,6 +1,6 @@
 """Which problems are logged when."""
 
-from esfo_core.lifecycle.reminder import Reminder
+from esfo_ros.reminder import Reminder
 
 
 def test_problems_are_told_when_they_begin_and_now_and_then_while_they_last():

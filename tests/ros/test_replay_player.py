@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from esfo_bringup.replay.player import MAX_EVENTS, PACKET_NS, Pace, ReplayError, choose_camera, packets
+from esfo_bringup.offline.source import choose_camera
+from esfo_bringup.replay.player import MAX_EVENTS, PACKET_NS, Pace, ReplayError, packets
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError
 from esfo_core.events import make_events

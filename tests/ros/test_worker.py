@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from esfo_core.worker import QUIET_S, Worker
+from esfo_ros.worker import QUIET_S, Worker
 
 PATIENCE_S = 10.0
 

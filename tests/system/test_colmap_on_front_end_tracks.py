@@ -1,13 +1,13 @@
 """COLMAP's start on the tracks that the front-end makes of simulated events."""
 
-from esfo_backend.adjust import adjust, linear_points
-from esfo_backend.colmap import colmap_start
+from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.initialise.colmap import colmap_start
 from esfo_backend.options import StartOptions
-from esfo_backend.problem import Motion, observations
+from esfo_backend.orbit.parametrization import Motion, observations
 from esfo_core.orbit import angle_between
-from esfo_core.simulation.scene import SceneOptions, simulate
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
+from esfo_simulation.scene import SceneOptions, simulate
 
 
 def test_colmap_leads_to_the_truth():

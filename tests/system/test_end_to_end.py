@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from esfo_bringup.cli import main
-from esfo_core.evaluation import compare
+from esfo_core.evaluation.orbit_error import compare
 from esfo_core.tracks import Tracks
 
 DATA = Path(__file__).parents[3] / "shared/data"

@@ -15,5 +15,5 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
     ],
     zip_safe=False,  # compiled kernels are cached beside their source
-    entry_points={"console_scripts": ["backend_node = esfo_backend.node:main"]},
+    entry_points={"console_scripts": ["backend_node = esfo_backend.ros.node:main"]},
 )

@@ -7,18 +7,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from esfo_backend.appraisal import Optimum, appraise
-from esfo_backend.basis import Basis
 from esfo_backend.errors import BackendError
-from esfo_backend.follow import Follower
-from esfo_backend.history import LONGEST_GAP_NS, History
+from esfo_backend.initialise.initialisation import Start
+from esfo_backend.online.incremental import Follower
+from esfo_backend.online.rate_lock import Basis
+from esfo_backend.online.stream_memory import LONGEST_GAP_NS, History
 from esfo_backend.options import BackendOptions
+from esfo_backend.orbit.selection import spread_tracks
 from esfo_backend.scale import check_scale, metric
-from esfo_backend.selection import spread_tracks
-from esfo_backend.solver import Solver
-from esfo_backend.start import Start
+from esfo_backend.search import Solver
 from esfo_backend.state import Following, load_state, save_state
 from esfo_backend.stopwatch import Stopwatch
+from esfo_backend.verdict.build_estimate import Optimum, appraise
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate

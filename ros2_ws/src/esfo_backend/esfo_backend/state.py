@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from esfo_backend.basis import Basis
 from esfo_backend.errors import StateError
-from esfo_backend.follow import Follower
-from esfo_backend.history import History
+from esfo_backend.online.incremental import Follower
+from esfo_backend.online.rate_lock import Basis
+from esfo_backend.online.stream_memory import History
 from esfo_backend.options import BackendOptions, MemoryOptions
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera

@@ -7,14 +7,11 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 
 from esfo_bringup import __version__
+from esfo_bringup.commands import COMMANDS, add_command
 from esfo_bringup.errors import error_line
 from esfo_core.errors import EsfoError
-
-_COMMANDS = ("simulate", "info", "convert", "run", "live", "evaluate", "benchmark")
-"""Modules of `esfo_bringup.commands`; each declares itself by `add_to`."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -25,7 +22,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=f"esfo {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name in _to_load(sys.argv[1:] if argv is None else argv):
-        import_module(f"esfo_bringup.commands.{name}").add_to(commands)
+        add_command(name, commands)
     args = parser.parse_args(argv)
     try:
         return int(args.execute(args))
@@ -42,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _to_load(argv: Sequence[str]) -> Sequence[str]:
     """Name the command asked for alone, because each imports much that the others do not need; all for the help."""
-    return argv[:1] if argv and argv[0] in _COMMANDS else _COMMANDS
+    return argv[:1] if argv and argv[0] in COMMANDS else COMMANDS
 
 
 def console() -> None:

@@ -10,10 +10,10 @@ from esfo_core.activity import Activity
 from esfo_core.events import EventArray
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
-from esfo_frontend.clusters import Clusters
+from esfo_frontend.clustering.chunk_clusterer import Clusters
 from esfo_frontend.errors import FrontendError
 from esfo_frontend.options import FrontendOptions, check_for_sensor, nanoseconds
-from esfo_frontend.pipelines import PIPELINES, Parts, Pipeline, Statistics, StreamStart
+from esfo_frontend.trackers import PIPELINES, Parts, Pipeline, Statistics, StreamStart
 
 
 @dataclass(frozen=True)

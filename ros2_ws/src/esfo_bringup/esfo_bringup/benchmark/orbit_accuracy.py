@@ -14,18 +14,18 @@ import trimesh
 
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions
-from esfo_backend.problem import observations, spin_and_points
+from esfo_backend.orbit.parametrization import observations, spin_and_points
 from esfo_bringup.errors import CommandError
-from esfo_bringup.offline import open_source
+from esfo_bringup.offline.source import open_source
 from esfo_bringup.settings import RunSettings
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.evaluation import compare, spin_of
+from esfo_core.evaluation.orbit_error import compare, spin_of
+from esfo_core.evaluation.registration import RegistrationError, Surface, register
 from esfo_core.events import EventArray
 from esfo_core.orbit import Matrix, Spin, tangent_basis
 from esfo_core.recordings import Recording
-from esfo_core.registration import RegistrationError, Surface, register
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import FrontendOptions

@@ -12,7 +12,7 @@ from esfo_bringup.progress import follow
 from esfo_core.errors import RecordingError
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.recordings import Recording
-from esfo_frontend.corners import CornerDetector
+from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import FrontendOptions
 from esfo_frontend.warm_up import warm_up

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import follow
 from esfo_core.camera import Camera
+from esfo_core.evaluation.track_error import SHORTEST, fit_tracks
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.recordings import ReadingOptions, open_recording
 from esfo_core.recordings.event_camera_dataset import SENSOR, read_calib, read_groundtruth
-from esfo_core.track_evaluation import SHORTEST, fit_tracks
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import FrontendOptions
-from esfo_frontend.pipelines import Statistics
+from esfo_frontend.trackers import Statistics
 
 THRESHOLDS_PX = (3.0, 5.0, 7.0)
 """Those of the paper."""

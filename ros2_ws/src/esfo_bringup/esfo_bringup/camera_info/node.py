@@ -11,8 +11,9 @@ from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.messages import camera_info_message
 from esfo_core.camera import Camera
 from esfo_core.errors import OptionError
-from esfo_core.messages import CAMERA_INFO
-from esfo_core.node import declare_fields, run
+from esfo_ros.entry_point import run
+from esfo_ros.parameters import declare_fields
+from esfo_ros.topics import CAMERA_INFO
 
 
 class CameraInfoNode(Node):  # type: ignore[misc]

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from esfo_bringup.commands.reading import add_assignments, add_recording
 from esfo_bringup.errors import CommandError
-from esfo_bringup.offline import RunResult, Source, open_source
+from esfo_bringup.offline.pipeline import RunResult
+from esfo_bringup.offline.source import Source, open_source
+from esfo_bringup.results.summary import summary
 from esfo_bringup.settings import RunSettings, settings_for, share_out
-from esfo_bringup.summary import summary
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions
 

@@ -10,8 +10,8 @@ from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.info import INFERRED
 from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.errors import CommandError
+from esfo_bringup.offline.source import choose_camera
 from esfo_bringup.progress import follow
-from esfo_bringup.replay.player import choose_camera
 from esfo_core.codecs import WRITABLE
 from esfo_core.recordings import Recording, write_mcap
 

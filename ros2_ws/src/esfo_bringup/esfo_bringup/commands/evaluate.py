@@ -12,8 +12,8 @@ import trimesh
 
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.errors import CommandError
-from esfo_core.evaluation import compare, spin_of
-from esfo_core.registration import Surface, register
+from esfo_core.evaluation.orbit_error import compare, spin_of
+from esfo_core.evaluation.registration import Surface, register
 
 T = TypeVar("T")
 

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import argparse
-from importlib import import_module
+from contextlib import suppress
 from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING
 
+from esfo_backend.options import BackendOptions
 from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_output, report, settings_of, source_of
-from esfo_bringup.exposure import Exposure
-from esfo_bringup.load_ahead import load_ahead
-from esfo_bringup.offline import BACKEND, Source, run_offline, track_offline
-from esfo_bringup.result_bag.opening import CONTENTS, ResultBag
+from esfo_bringup.offline.pipeline import run_offline, track_offline
+from esfo_bringup.offline.source import Source
+from esfo_bringup.result_bag.opening import CONTENTS, EventRecorder, ResultBag
+from esfo_bringup.results.event_image import Exposure
 from esfo_bringup.settings import RunSettings
 from esfo_core.activity import Activity
+from esfo_core.camera import Camera
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
-from esfo_frontend.pipelines import Statistics
+from esfo_frontend.trackers import Statistics
 
-_RESULTS = "esfo_bringup.results"
+if TYPE_CHECKING:
+    from esfo_backend.backend import Backend
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -43,7 +48,7 @@ def execute(args: argparse.Namespace) -> int:
     check_output(args.output)
     if args.until == "tracks":
         return _track(source, settings, args.output)
-    load_ahead([BACKEND, _RESULTS])  # while the recording is read
+    Thread(target=_load_ahead, daemon=True).start()  # while the recording is read
     exposure = Exposure(source.recording.width, source.recording.height)
     activity: list[Activity] = []
 
@@ -53,10 +58,12 @@ def execute(args: argparse.Namespace) -> int:
         if output.activity is not None:
             activity.append(output.activity)
 
-    with ResultBag(args.output, source, args.bag) as bag:
-        result = run_offline(source, settings, listen)
+    with ResultBag(args.output, source, args.bag, _make_recorder) as bag:
+        result = run_offline(source, settings, _make_backend, listen)
         bag.finish(result)
-        import_module(_RESULTS).write_results(result, source, exposure, activity, args.output)
+        from esfo_bringup.results.files import write_results
+
+        write_results(result, source, exposure, activity, args.output)
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)
@@ -64,6 +71,24 @@ def execute(args: argparse.Namespace) -> int:
         print(f"not written {bag.path}: {bag.problem}")
     bags = [bag.path.name] if bag.path.exists() else []
     return report(result, args.output, ["orbit.json", "report.html", *bags])
+
+
+def _load_ahead() -> None:
+    """Import what takes long; who needs a module before it is ready waits for it, and sees why it cannot be had."""
+    with suppress(ImportError):
+        import esfo_bringup.results.files  # noqa: F401
+
+
+def _make_backend(camera: Camera, options: BackendOptions) -> Backend:
+    from esfo_backend.backend import Backend
+
+    return Backend(camera, options)
+
+
+def _make_recorder(path: Path, source: Source, events: bool) -> EventRecorder:
+    from esfo_bringup.result_bag.recorder import Recorder
+
+    return Recorder(path, source, events)
 
 
 def _track(source: Source, settings: RunSettings, folder: Path) -> int:

@@ -13,13 +13,13 @@ from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
 from esfo_core.options import parse_assignments, replace
 from esfo_core.orbit import NANOSECONDS
-from esfo_core.simulation.handheld.rooms import ROOMS
-from esfo_core.simulation.handheld.scene import HandheldOptions
-from esfo_core.simulation.objects.catalogue import OBJECTS
-from esfo_core.simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
-from esfo_core.simulation.scene_files import is_written, topspin, write_handheld, write_scene
-from esfo_core.simulation.sensor.catalogue import SENSORS
-from esfo_core.simulation.truth import Truth
+from esfo_simulation.handheld.rooms import ROOMS
+from esfo_simulation.handheld.scene import HandheldOptions
+from esfo_simulation.objects.catalogue import OBJECTS
+from esfo_simulation.scene import SPEEDS_HZ, VIEWS, SceneOptions
+from esfo_simulation.scene_files import is_written, topspin, write_handheld, write_scene
+from esfo_simulation.sensor.catalogue import SENSORS
+from esfo_simulation.truth import Truth
 
 _LONGEST_LENS_MM = 1e4
 _NAMED = ("object", "mesh", "view", "speed", "camera", "revolutions")

@@ -20,15 +20,16 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 from tqdm import tqdm
 
-from esfo_backend import messages
+from esfo_backend.ros import messages
 from esfo_bringup.commands.arguments import report, settings_of, source_of
 from esfo_bringup.commands.live import add_live_arguments
 from esfo_bringup.errors import CommandError, error_line
-from esfo_bringup.exposure import Exposure
 from esfo_bringup.live.processes import NodeProcess, NodeProcesses
-from esfo_bringup.offline import RunResult, Source, with_source
+from esfo_bringup.offline.pipeline import RunResult
+from esfo_bringup.offline.source import Source, with_source
 from esfo_bringup.result_bag.opening import bag_path
-from esfo_bringup.results import write_results
+from esfo_bringup.results.event_image import Exposure
+from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
 from esfo_core.errors import EsfoError

@@ -14,7 +14,7 @@ from std_msgs.msg import Header
 from esfo_core.camera import Camera
 from esfo_core.codecs import encode_mono
 from esfo_core.events import EventArray
-from esfo_core.messages import to_stamp
+from esfo_ros.time_stamps import to_stamp
 
 
 def packet_message(events: EventArray, seq: int, size: tuple[int, int], frame_id: str) -> EventPacket:

@@ -15,13 +15,15 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
+from esfo_bringup.offline.source import choose_camera
 from esfo_bringup.replay.messages import acknowledged_until, camera_info_message, clock_message, packet_message
-from esfo_bringup.replay.player import Pace, ReplayError, ReplayOptions, choose_camera, packets
+from esfo_bringup.replay.player import Pace, ReplayError, ReplayOptions, packets
 from esfo_core.errors import OptionError
 from esfo_core.events import EventArray
-from esfo_core.messages import CAMERA_INFO, Topic, reliable
-from esfo_core.node import declare_fields, run
 from esfo_core.recordings import open_recording
+from esfo_ros.entry_point import run
+from esfo_ros.parameters import declare_fields
+from esfo_ros.topics import CAMERA_INFO, Topic, reliable
 
 EVENTS = Topic("events", EventPacket, reliable(1000), "encoding `mono`; packets of 2 ms; sensor time is host time")
 CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms of it")

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from esfo_core.camera import Camera
-from esfo_core.errors import CameraError, EsfoError
+from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
 from esfo_core.options import option
 from esfo_core.recordings import ReadingOptions, Recording
@@ -36,26 +34,6 @@ class ReplayOptions:
     loop: bool = option(False, "play again and again, with times that go on")
     wait_for_subscribers: int = option(1, "subscribers of `events` that must be there before the start", 0, 1000)
     wait_timeout_s: float = option(60.0, "longest wait for them, s", 0.0, 1e6)
-
-
-def choose_camera(recording: Recording, override: str) -> Camera | None:
-    """Return the camera of the YAML file `override`, or that of the recording when it is empty.
-
-    Raises CameraError when the file cannot be read or is for another sensor size.
-    """
-    if not override:
-        return recording.camera
-    camera = Camera.read_yaml(Path(override))
-    check_size(camera, recording, override)
-    return camera
-
-
-def check_size(camera: Camera, recording: Recording, name: str) -> None:
-    """Raise CameraError, which calls the camera `name`, unless it is of the size of the recording's sensor."""
-    if (camera.width, camera.height) != (recording.width, recording.height):
-        raise CameraError(
-            f"{name} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
-        )
 
 
 def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from esfo_bringup.result_bag.cdr import serialise
 from esfo_bringup.result_bag.messages import bag_topic
-from esfo_core.messages import Topic
 from esfo_core.recordings.bag_writer import BagWriter
+from esfo_ros.topics import Topic
 
 
 class MessageBag:

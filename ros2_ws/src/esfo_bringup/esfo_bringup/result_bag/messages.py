@@ -11,9 +11,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy
 
 from esfo_bringup.replay.node import CLOCK, ReplayNode
-from esfo_core.messages import Topic, reliable
 from esfo_core.recordings.bag_writer import BagTopic
-from esfo_frontend.node import FrontendNode
+from esfo_frontend.ros.node import FrontendNode
+from esfo_ros.topics import Topic, reliable
 
 STREAM_TOPICS = (
     *(topic for topic in ReplayNode.OUTPUTS if topic != CLOCK),

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from importlib import import_module
 from pathlib import Path
 from queue import Queue
 from types import TracebackType
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 from esfo_bringup.errors import CommandError
-from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.offline.pipeline import RunResult
+from esfo_bringup.offline.source import Source
 from esfo_bringup.result_bag.stream_health import Report, StreamHealth
 from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
-
-if TYPE_CHECKING:
-    from esfo_bringup.result_bag.recorder import Recorder
 
 Content = Literal["all", "no-events", "none"]
 CONTENTS: tuple[Content, ...] = ("all", "no-events", "none")
@@ -25,6 +23,23 @@ NAME = "result.mcap"
 
 _MOST_WAITING = 200
 """Chunks that may wait for the bag; then the run waits."""
+
+
+class EventRecorder(Protocol):
+    """Writes a bag: `esfo_bringup.result_bag.recorder.Recorder`, which needs the ROS messages."""
+
+    def add(self, events: EventArray, output: FrontendOutput, health: Report | None) -> None:
+        """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
+
+    def finish(self, result: RunResult) -> None:
+        """Write what the run came to and end the bag."""
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+
+
+MakeRecorder = Callable[[Path, Source, bool], EventRecorder]
+"""Begins a bag at a path, of a source, with its events or without them. ImportError: ROS messages are missing."""
 
 
 class _Piece(NamedTuple):
@@ -48,14 +63,16 @@ class ResultBag:
     not finished, nor of that of an earlier run.
     """
 
-    def __init__(self, folder: Path, source: Source, content: Content) -> None:
+    def __init__(self, folder: Path, source: Source, content: Content, make_recorder: MakeRecorder) -> None:
         """Begin the bag in the folder, which is made. content: what goes into it.
+
+        make_recorder: called in the thread that writes.
 
         Raises CommandError as `bag_path`.
         """
         self.path, self.problem = bag_path(folder, source), ""
         folder.mkdir(parents=True, exist_ok=True)
-        self._source, self._content = source, content
+        self._source, self._content, self._make_recorder = source, content, make_recorder
         self._health = StreamHealth(source.recording)
         self._queue: Queue[_Piece | RunResult | None] = Queue(_MOST_WAITING)
         self._at_end = False
@@ -94,11 +111,9 @@ class ResultBag:
                 self._next()
 
     def _record(self) -> None:
-        recorder: Recorder | None = None
+        recorder: EventRecorder | None = None
         try:
-            # Loaded here and not above, because everything else works without ROS.
-            module = import_module("esfo_bringup.result_bag.recorder")
-            recorder = module.Recorder(self.path, self._source, events=self._content == "all")
+            recorder = self._make_recorder(self.path, self._source, self._content == "all")
             while (piece := self._next()) is not None:
                 if isinstance(piece, RunResult):
                     recorder.finish(piece)

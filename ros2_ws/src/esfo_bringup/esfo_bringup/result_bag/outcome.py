@@ -12,19 +12,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_backend.live import LiveOptions, verdict_values
-from esfo_backend.messages import estimate_messages, points_message, transform_message
-from esfo_backend.node import TF_PERIOD_S, BackendNode
-from esfo_bringup.offline import RunResult, Source
+from esfo_backend.ros.live_backend import LiveOptions, verdict_values
+from esfo_backend.ros.messages import estimate_messages, points_message, transform_message
+from esfo_backend.ros.node import TF_PERIOD_S, BackendNode
+from esfo_bringup.offline.pipeline import RunResult
+from esfo_bringup.offline.source import Source
 from esfo_bringup.replay.messages import camera_info_message
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.messages import diagnostic_message, to_stamp
 from esfo_core.orbit import NANOSECONDS
 from esfo_core.tracks import Tracks
-from esfo_frontend.messages import header_at, image_message
 from esfo_frontend.overlay import TRAIL_NS, compose, line_pixels, screw_line
+from esfo_frontend.ros.messages import header_at, image_message
+from esfo_ros.diagnostics import diagnostic_message
+from esfo_ros.time_stamps import to_stamp
 
 TF_NS = round(TF_PERIOD_S * NANOSECONDS)
 POINTS_NS = 3 * TF_NS

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from esfo_bringup.offline import RunResult, Source
+from esfo_bringup.offline.pipeline import RunResult
+from esfo_bringup.offline.source import Source
 from esfo_bringup.replay.messages import packet_message
 from esfo_bringup.replay.player import MAX_EVENTS, PACKET_NS, ReplayOptions
 from esfo_bringup.result_bag.frames import Frames
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_bringup.result_bag.messages import STREAM_TOPICS
+from esfo_bringup.result_bag.outcome import write_outcome
 from esfo_bringup.result_bag.stream_health import Report
 from esfo_core.events import EventArray
-from esfo_core.messages import diagnostic_message, from_stamp, to_stamp
 from esfo_frontend.frontend import FrontendOutput
-from esfo_frontend.messages import output_messages
+from esfo_frontend.ros.messages import output_messages
+from esfo_ros.diagnostics import diagnostic_message
+from esfo_ros.time_stamps import from_stamp, to_stamp
 
 FRAME_NS = 66_666_667
 """Period of the overlay."""
@@ -59,8 +61,7 @@ class Recorder:
     def finish(self, result: RunResult) -> None:
         """Write what the run came to and end the bag. The recording had events."""
         assert self._first is not None
-        outcome = import_module("esfo_bringup.result_bag.outcome")  # loads the back-end, which takes its time
-        outcome.write_outcome(self._bag, result, self._source, self._frames, (self._first, self._last))
+        write_outcome(self._bag, result, self._source, self._frames, (self._first, self._last))
         self._bag.finish()
         self._frames.close()
 

@@ -5,7 +5,6 @@ Times are whole microseconds; DSEC's count from `t_offset`. Prophesee gives the 
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -24,9 +23,9 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 
 h5py: Any = None
 with suppress(ImportError):
-    h5py = importlib.import_module("h5py")
+    import h5py  # type: ignore[no-redef]
 with suppress(ImportError):  # registers the filters of its packages when loaded, Blosc of DSEC among them
-    importlib.import_module("hdf5plugin")
+    import hdf5plugin  # noqa: F401
 
 _BLOCK = 1 << 18  # events
 _COLUMNS = ("x", "y", "p", "t")

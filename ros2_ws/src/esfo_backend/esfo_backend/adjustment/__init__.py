@@ -1,0 +1,1 @@
+"""Optimisation of orbit and landmarks, and its covariance."""

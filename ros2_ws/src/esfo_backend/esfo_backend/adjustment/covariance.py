@@ -1,0 +1,61 @@
+"""How sure the motion is: a covariance that survives errors correlated along a track, or common to all tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.adjustment.bundle_adjustment import Adjusted, normal_equations
+from esfo_backend.adjustment.consider_bias import bias_sensitivity, reduced_equations
+from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.orbit.projection import row_errors
+from esfo_core.orbit import Matrix, tangent_basis
+
+_MOTION_PARAMETERS = 4
+
+
+@dataclass(frozen=True)
+class MotionCovariance:
+    """rate_std_hz and the covariance (2, 2) of the axis in rad^2 in `tangent_basis(axis)`."""
+
+    rate_std_hz: float
+    axis_cov: Matrix
+
+
+def motion_covariance(
+    solution: Adjusted, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
+) -> MotionCovariance:
+    """Scale the graph's marginal by the noise that the residuals show.
+
+    marginal: (4, 4) for residuals of unit variance. Two estimates are made: with independent residuals of one variance,
+    and with residuals that are independent between points only (sandwich estimator, clusters = points), which is the
+    honest one for tracks whose error drifts. The larger one, by the variance of each parameter, is kept, because the
+    sandwich is itself noisy for few points. A bias of corners of standard deviation bias_px, which all points share and
+    no residual shows, is added as in a Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where
+    the marginal is.
+    """
+    H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
+    eliminated = np.einsum("pij,pjk->pik", H.mp, np.linalg.pinv(H.pp, hermitian=True))
+    score = H.m - np.einsum("pij,pj->pi", eliminated, H.p)
+    small_sample = obs.points / max(obs.points - _MOTION_PARAMETERS, 1)
+    sandwich = small_sample * marginal @ (score.T @ score) @ marginal
+    independent = _independent_variance(solution, obs, cauchy_px) * marginal
+    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(independent), 1e-300), 1.0))
+    cov = independent * np.outer(ratio, ratio)
+    information, _ = reduced_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px)
+    moved = bias_px * bias_sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS))
+    cov = cov + moved @ moved.T
+    axis = solution.motion.axis
+    # A right rotation vector d of Q moves the axis by -Q (d x e_z) = Q (-d_y, d_x, 0).
+    to_tangent = tangent_basis(axis).T @ solution.motion.Q @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
+    return MotionCovariance(float(np.sqrt(cov[3, 3])), to_tangent @ cov[:3, :3] @ to_tangent.T)
+
+
+def _independent_variance(solution: Adjusted, obs: Observations, cauchy_px: float) -> float:
+    """Variance factor in px^2 of an M-estimate: mean squared influence over the square of the mean curvature."""
+    errors = obs.rows.weight * row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
+    errors = errors[np.isfinite(errors)]
+    w = 1 / (1 + (errors / cauchy_px) ** 2) if cauchy_px > 0 else np.ones_like(errors)
+    freedom = max(2 * len(errors) - 3 * obs.points - _MOTION_PARAMETERS, 1)
+    return float(((w * errors) ** 2).sum() / freedom * len(errors) / max((w**2).sum(), 1e-300))

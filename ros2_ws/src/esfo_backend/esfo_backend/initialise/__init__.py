@@ -1,0 +1,1 @@
+"""Initial values of the orbit: COLMAP (paper) or the axis search."""

@@ -1,0 +1,112 @@
+"""The direct start: no COLMAP, only a search over the axis, because everything else follows from it.
+
+For a given axis and rate every point is a linear solve, so a coarse set of axes over the sphere is tried and each is
+adjusted with the rate held. Mirrored and wrong-axis optima come out as further local minima.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points
+from esfo_backend.errors import BackendError
+from esfo_backend.options import StartOptions
+from esfo_backend.orbit.parametrization import Observations, motion_from_axis
+from esfo_backend.orbit.selection import longest_points
+from esfo_core.orbit import Matrix, Vector, angle_between, rotation, tangent_basis
+
+_COARSE_ITERATIONS = 8
+_FINER_ITERATIONS = 15
+_FINAL_ITERATIONS = 20
+_SAME_OPTIMUM_DEG = 2.0
+_NEAR_VIEW_DEG, _RINGS_DEG, _AROUND = 20.0, (3.0, 8.0), 6
+"""Parallax goes with the angle between axis and view; where that is small, it must be begun with to a part of it."""
+
+
+@dataclass(frozen=True)
+class DirectStart:
+    """best: the cheapest optimum. second: the next distinct one, None when every start ended in the same place."""
+
+    best: Adjusted
+    second: Adjusted | None
+
+
+def directions(count: int) -> Matrix:
+    """Spread `count` unit vectors (count, 3) evenly over the sphere (Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z = 1 - 2 * k / count
+    longitude = np.pi * (1 + 5**0.5) * k
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(longitude), radius * np.sin(longitude), z], axis=1)
+
+
+def mean_direction(obs: Observations) -> Vector:
+    """Direction (3,) towards the middle of all rows."""
+    return np.append(np.median(obs.rows.xy, axis=0), 1.0)
+
+
+def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> DirectStart:
+    """Search the axis with the rate held at `rate_hz`; the optima are finished with all points.
+
+    Axes are tried on all processors; the result does not depend on how many there are. Raises BackendError when no
+    start gives a finite cost.
+    """
+    towards, sample = mean_direction(obs), longest_points(obs, options.search_tracks)
+    axes = [a for a in directions(options.axes) if min(angle_between(a, towards), angle_between(-a, towards)) >= 1]
+
+    def tried(axis: Vector) -> Adjusted:
+        motion = motion_from_axis(axis, towards, rate_hz)
+        return adjust(motion, linear_points(motion, sample), sample, options.cauchy_px, False, _COARSE_ITERATIONS)
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        coarse = _by_cost(pool.map(tried, axes))
+        if coarse and (view := _near_view(coarse[0].motion.axis, towards)) is not None:
+            coarse = _by_cost([*coarse, *pool.map(tried, _rings(view))])
+    if not coarse:
+        raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
+    optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)
+    final = _distinct(optima, obs, options, _FINAL_ITERATIONS, 2)
+    return DirectStart(final[0], final[1] if len(final) > 1 else None)
+
+
+def _by_cost(tried: Iterable[Adjusted]) -> list[Adjusted]:
+    return sorted((c for c in tried if np.isfinite(c.cost)), key=lambda c: c.cost)
+
+
+def _near_view(axis: Vector, towards: Vector) -> Vector | None:
+    """The direction of view, or its opposite, that an axis is close to; None: neither."""
+    return next((view for view in (towards, -towards) if angle_between(axis, view) < _NEAR_VIEW_DEG), None)
+
+
+def _rings(view: Vector) -> list[Vector]:
+    """Axes on cones about the direction of view."""
+    middle = view / np.linalg.norm(view)
+    aside = tangent_basis(middle)[:, 0]
+    tilted = [rotation(aside, np.radians(deg)) @ middle for deg in _RINGS_DEG]
+    return [rotation(middle, 2 * np.pi * k / _AROUND) @ axis for axis in tilted for k in range(_AROUND)]
+
+
+def _distinct(
+    starts: list[Adjusted], obs: Observations, options: StartOptions, iterations: int, count: int
+) -> list[Adjusted]:
+    """Adjust the starts in their order until there are `count` distinct optima; the cheapest first."""
+    optima: list[Adjusted] = []
+    for start in starts:
+        if any(_same(start, o) for o in optima):
+            continue
+        y = linear_points(start.motion, obs)
+        finished = adjust(start.motion, y, obs, options.cauchy_px, False, iterations)
+        if not any(_same(finished, o) for o in optima):
+            optima.append(finished)
+        if len(optima) == count:
+            break
+    return sorted(optima, key=lambda c: c.cost)
+
+
+def _same(a: Adjusted, b: Adjusted) -> bool:
+    return angle_between(a.motion.axis, b.motion.axis) < _SAME_OPTIMUM_DEG

@@ -1,0 +1,1 @@
+"""Landmarks: which tracks are of the same point of the object."""

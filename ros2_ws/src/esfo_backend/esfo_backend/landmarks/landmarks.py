@@ -1,0 +1,101 @@
+"""From one point per track to the points of the object: re-identification, then pruning of what is no fixed point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust
+from esfo_backend.errors import BackendError
+from esfo_backend.initialise.initialisation import Start
+from esfo_backend.landmarks.reidentification import ROUND_ITERATIONS, Labels, point_rms, reidentify
+from esfo_backend.options import BackendOptions
+from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.orbit.projection import row_errors
+from esfo_core.orbit import Matrix
+
+_PRUNING_ROUNDS = 2
+
+
+@dataclass(frozen=True)
+class Structure:
+    """One point per label: the observations of each, the solution, and the point (M,) of each track, -1 for none."""
+
+    obs: Observations
+    solution: Adjusted
+    label: Labels
+
+
+def build_structure(start: Start, obs: Observations, options: BackendOptions) -> Structure:
+    """Re-identify with the rate held, then free, then tighten the loss: the order that was measured best.
+
+    obs: one point per track (M).
+    """
+    loose, tight = options.start.cauchy_px, options.graph.cauchy_px
+    solution, label = start.adjusted, np.arange(obs.points)
+    if not options.reidentification.enabled:
+        return Structure(obs, solution, label)
+    solution, label = reidentify(solution, obs, label, options.reidentification, loose, False)
+    solution = adjust(solution.motion, solution.y, obs.regroup(label), loose, iterations=ROUND_ITERATIONS)
+    solution, label = reidentify(solution, obs, label, options.reidentification, loose, True)
+    grouped = obs.regroup(label)
+    solution = adjust(solution.motion, solution.y, grouped, tight, iterations=ROUND_ITERATIONS)
+    return Structure(grouped, solution, label)
+
+
+def prune(structure: Structure, options: BackendOptions) -> Structure:
+    """Drop what is no fixed point of the object (silhouettes, false tracks), refit, and look once more.
+
+    Raises BackendError when too few points are left.
+    """
+    limit_px, needed = options.graph.prune_px, options.verdict.min_points
+    for _ in range(_PRUNING_ROUNDS):
+        motion, y = structure.solution.motion, structure.solution.y
+        errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
+        keep = (point_rms(errors, structure.obs) < limit_px) & _near(y)
+        if keep.sum() < needed:
+            raise BackendError(
+                f"only {int(keep.sum())} of {len(keep)} points follow one rotation to {limit_px} px; "
+                f"{needed} are needed",
+                "too_few_points",
+            )
+        structure = _keep(structure, keep)
+        solution = adjust(motion, structure.solution.y, structure.obs, options.graph.cauchy_px)
+        structure = replace(structure, solution=solution)
+    return structure
+
+
+def drop_far(structure: Structure) -> Structure:
+    """Drop points that an optimum has put beyond the camera: tracks without parallax, whose depth runs away."""
+    keep = _near(structure.solution.y)
+    return structure if keep.all() else _keep(structure, keep)
+
+
+def _near(y: Matrix) -> NDArray[np.bool_]:
+    """Which of y (P, 3) can be points of the object, because they are nearer to its middle than the camera is."""
+    middle = np.array([0.0, 0.0, np.median(y[:, 2])])
+    return np.asarray(np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2]))
+
+
+def _keep(structure: Structure, keep: NDArray[np.bool_]) -> Structure:
+    new_label = np.where(keep, np.cumsum(keep) - 1, -1)
+    label = np.where(structure.label >= 0, new_label[structure.label], -1)
+    solution = replace(structure.solution, y=structure.solution.y[keep])
+    return Structure(structure.obs.regroup(new_label), solution, label)
+
+
+def repeatable_points(obs: Observations, rate_hz: float) -> int:
+    """Number of points that were seen a turn or more before the end, or after the beginning, of the observations."""
+    dt, first = obs.rows.dt, obs.rows.first
+    again = (dt[first[:-1]] <= dt.max() - 1 / rate_hz) | (dt[first[1:] - 1] >= dt.min() + 1 / rate_hz)
+    return int(again.sum())
+
+
+def recurring_points(obs: Observations, rate_hz: float) -> int:
+    """Number of points that were seen again: after half a turn or more without being seen, or over a whole turn."""
+    dt, first = obs.rows.dt, obs.rows.first
+    hidden = np.zeros(obs.points, bool)
+    np.logical_or.at(hidden, obs.point_index()[1:], (np.diff(dt) >= 0.5 / rate_hz) & (np.diff(obs.point_index()) == 0))
+    return int((hidden | (dt[first[1:] - 1] - dt[first[:-1]] >= 1 / rate_hz)).sum())

@@ -1,0 +1,1 @@
+"""Estimates from a growing stream, in bounded work and memory."""

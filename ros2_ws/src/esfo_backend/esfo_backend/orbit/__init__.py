@@ -1,0 +1,1 @@
+"""The orbit model: parametrization, observations, projection."""

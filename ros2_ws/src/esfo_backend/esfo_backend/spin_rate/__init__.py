@@ -1,0 +1,1 @@
+"""Spin rate from the event activity, before any geometry."""

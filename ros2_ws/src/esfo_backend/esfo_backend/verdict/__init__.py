@@ -1,0 +1,1 @@
+"""From an optimum to an estimate: statistics, status and flags."""

@@ -1,0 +1,36 @@
+"""Whether the rate is constant: the orbit model with one more parameter, a slope of the rate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.adjustment.bundle_adjustment import Adjusted
+from esfo_backend.adjustment.consider_bias import SLOPE, gauss_newton, reduced_equations
+from esfo_backend.orbit.parametrization import Observations
+
+
+@dataclass(frozen=True)
+class RateDrift:
+    """Slope of the rate with its standard deviation, Hz per second."""
+
+    slope: float
+    std: float
+
+    @property
+    def significance(self) -> float:
+        """Slope in standard deviations."""
+        return abs(self.slope) / self.std if self.std > 0 else np.inf
+
+
+def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateDrift:
+    """Estimate the slope g in theta = 2 pi (f dt + g dt^2 / 2) by one Gauss-Newton step from the constant-rate optimum.
+
+    Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation
+    treats only points as independent (sandwich estimator, clusters = points), and adds the bias of corners of bias_px.
+    """
+    motion = solution.motion
+    equations = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px)
+    step, covariance = gauss_newton(equations, np.arange(SLOPE + 1), bias_px)
+    return RateDrift(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))

@@ -1,0 +1,145 @@
+"""Whether a result can be trusted, by stated statistics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from esfo_backend.adjustment.covariance import MotionCovariance
+from esfo_backend.options import VerdictOptions
+from esfo_backend.verdict.rate_slope import RateDrift
+from esfo_backend.verdict.rigidity import Constancy
+from esfo_core.estimate import Alternative, Status
+from esfo_core.orbit import Vector, angle_between
+
+_RATE_STD_LIMIT = 0.02
+_HARMONIC_Z = 10.0
+_MOST = 0.5
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the verdict looks at.
+
+    towards: from the camera to the middle of the object. recurring: points seen again, None where tracks were not
+    re-identified; repeatable: those that could have been. inliers: share of tracks that follow the motion. revolutions:
+    turns seen. duration_s: length of the data.
+    """
+
+    rate_hz: float
+    axis: Vector
+    towards: Vector
+    covariance: MotionCovariance
+    points: int
+    recurring: int | None
+    repeatable: int
+    inliers: float
+    alternatives: tuple[Alternative, ...]
+    harmonic_z: float
+    drift: RateDrift
+    constancy: Constancy
+    revolutions: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Status, flags and one line of reason."""
+
+    status: Status
+    flags: tuple[str, ...]
+    reason: str
+
+
+def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
+    """Return `failed` when nothing spins, `degenerate` when rate or axis are not what they seem, `ok` otherwise.
+
+    The first of several doubts gives the reason; a failure is explained by it.
+    """
+    doubts = _doubts(evidence, options)
+    if unconfirmed(evidence.recurring, options):  # doubts about a motion that turns at another rate say nothing
+        doubts = [doubt for doubt in doubts if doubt[0] in ("too_few_turns", "axis_unobservable")]
+    flags = [flag for flag, _ in doubts]
+    reason = doubts[0][1] if doubts else ""
+    failure, cause = _failure(evidence, options)
+    if not failure and "not_a_rotation" in flags and moves_on(evidence.recurring, evidence.repeatable):
+        failure = f"only {evidence.recurring} of {evidence.repeatable} points came round again"
+    if failure:
+        named = (*flags, cause) if cause and cause not in flags else tuple(flags)
+        return Verdict("failed", named, f"{failure}; {reason}" if reason else failure)
+    flags.append("scale_unobservable")
+    if evidence.harmonic_z < _HARMONIC_Z:
+        flags.append("harmonic_ambiguous")
+    if any(a.kind != "harmonic" and a.score_ratio < options.mirror_ratio for a in evidence.alternatives):
+        flags.append("mirror_ambiguous")
+    return Verdict("degenerate" if doubts else "ok", tuple(flags), reason)
+
+
+def unconfirmed(recurring: int | None, options: VerdictOptions) -> bool:
+    """Whether too few points came round again to take the period for one. recurring: as in `Evidence`."""
+    return recurring is not None and recurring < options.min_recurring
+
+
+def moves_on(recurring: int | None, repeatable: int) -> bool:
+    """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
+    return recurring is not None and recurring < _MOST * repeatable
+
+
+def rate_changes(drift: RateDrift, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
+    """Whether a slope of the rate is significant, and large enough to matter over the recording."""
+    return drift.significance > options.drift_z and abs(drift.slope) * duration_s > options.max_drift * rate_hz
+
+
+def _doubts(evidence: Evidence, options: VerdictOptions) -> list[tuple[str, str]]:
+    """Flag and sentence of everything that makes the motion another one than it seems, the gravest first."""
+    found = []
+    motion, drift = evidence.constancy, evidence.drift
+    if motion.wander_z > options.constancy_z and motion.wander_deg > options.max_wander_deg:
+        found.append(
+            ("not_a_rotation", f"not one rotation: the axis wanders by {motion.wander_deg:.2f} degrees or more")
+        )
+    elif motion.missed_z > options.constancy_z and motion.missed_px > options.max_missed_px:
+        found.append(("not_a_rotation", f"not one rotation: one turn later the image is {motion.missed_px:.2f} px off"))
+    if rate_changes(drift, evidence.rate_hz, evidence.duration_s, options):
+        found.append(
+            (
+                "rate_not_constant",
+                f"the rate is not constant: it changes by {drift.slope:+.5f} +- {drift.std:.5f} Hz per second",
+            )
+        )
+    if evidence.revolutions < options.min_turns:
+        found.append(
+            ("too_few_turns", f"{evidence.revolutions:.2f} turns were seen: no point was seen again at its first place")
+        )
+    doubt = _axis_doubt(evidence, options)
+    return [*found, ("axis_unobservable", doubt)] if doubt else found
+
+
+def _axis_doubt(evidence: Evidence, options: VerdictOptions) -> str:
+    if not np.isfinite(evidence.covariance.axis_cov).all():
+        return ""
+    std = float(np.degrees(np.sqrt(np.linalg.eigvalsh(evidence.covariance.axis_cov)[-1])))
+    off_view = min(angle_between(evidence.axis, evidence.towards), angle_between(-evidence.axis, evidence.towards))
+    if std > options.max_axis_std_deg or off_view < 3 * std:
+        return f"the axis is not observable: {off_view:.1f} degrees off the view with a std of {std:.1f} degrees"
+    return ""
+
+
+def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
+    """Why there is no estimate, and the flag of that; empty where there is one."""
+    if evidence.points < options.min_points:
+        return f"only {evidence.points} points follow one rotation; {options.min_points} are needed", "too_few_points"
+    if unconfirmed(evidence.recurring, options):
+        return f"only {evidence.recurring} points came round again; {options.min_recurring} are needed", ""
+    if evidence.inliers < options.min_inliers:
+        return (
+            f"only {evidence.inliers:.0%} of the tracks follow one rotation; {options.min_inliers:.0%} are needed",
+            "",
+        )
+    cov = evidence.covariance
+    if not (np.isfinite(cov.rate_std_hz) and np.isfinite(cov.axis_cov).all()):
+        return "the motion is not determined by the tracks (the factor graph is indeterminate)", ""
+    if evidence.rate_hz <= 0 or cov.rate_std_hz > _RATE_STD_LIMIT * evidence.rate_hz:
+        return f"the rate is not determined: {evidence.rate_hz:.4f} +- {cov.rate_std_hz:.4f} Hz", ""
+    return "", ""

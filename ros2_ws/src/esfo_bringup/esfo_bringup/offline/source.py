@@ -1,0 +1,68 @@
+"""A recording and the camera to use with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from esfo_core.camera import Camera
+from esfo_core.errors import CameraError
+from esfo_core.estimate import OrbitEstimate
+from esfo_core.recordings import ReadingOptions, Recording, open_recording
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording with the camera to use; assumed: the camera is a guess, because nothing tells it."""
+
+    recording: Recording
+    camera: Camera
+    assumed: bool
+
+
+def open_source(
+    path: Path, camera_file: Path | None, topic: str | None = None, options: ReadingOptions | None = None
+) -> Source:
+    """Open a recording and find its camera: the file given, that of the recording, or a guess that is named so.
+
+    topic, options: what the recording does not tell; a camera file tells the sensor size. Raises RecordingError, and
+    CameraError when the camera is of another size than the sensor.
+    """
+    reading = options or ReadingOptions()
+    given = None if camera_file is None else Camera.read_yaml(camera_file)
+    if given is not None and reading.size is None:
+        reading = replace(reading, width=given.width, height=given.height)
+    recording = open_recording(path, topic, reading)
+    camera = given or recording.camera
+    if camera is None:
+        # A lens of 53 degrees: the rate hardly depends on it, the axis does.
+        return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)
+    check_size(camera, recording, "the camera")
+    return Source(recording, camera, False)
+
+
+def choose_camera(recording: Recording, override: str) -> Camera | None:
+    """Return the camera of the YAML file `override`, or that of the recording when it is empty.
+
+    Raises CameraError when the file cannot be read or is for another sensor size.
+    """
+    if not override:
+        return recording.camera
+    camera = Camera.read_yaml(Path(override))
+    check_size(camera, recording, override)
+    return camera
+
+
+def check_size(camera: Camera, recording: Recording, name: str) -> None:
+    """Raise CameraError, which calls the camera `name`, unless it is of the size of the recording's sensor."""
+    if (camera.width, camera.height) != (recording.width, recording.height):
+        raise CameraError(
+            f"{name} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
+        )
+
+
+def with_source(estimate: OrbitEstimate, source: Source) -> OrbitEstimate:
+    """Name what the source leaves open: `intrinsics_assumed` when the camera is a guess."""
+    if not source.assumed:
+        return estimate
+    return replace(estimate, flags=(*estimate.flags, "intrinsics_assumed"))

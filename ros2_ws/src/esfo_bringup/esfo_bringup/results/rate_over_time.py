@@ -1,0 +1,64 @@
+"""Spin rate over the time of a recording, from the event stream alone: how long each moment takes to come round again.
+
+A check by eye of what the estimate assumes. No track, point or axis goes into it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from esfo_backend.spin_rate.correlation import counts_of, features_of
+from esfo_core.activity import Activity
+from esfo_core.orbit import NANOSECONDS
+
+_PER_TURN = 8
+_LEAST_BINS = 12
+_MOST = 160
+_REACH = 0.15
+"""Largest departure from the rate that is looked for, relative."""
+
+
+@dataclass(frozen=True)
+class RateCourse:
+    """Mean rates over turns, rate_hz (K,), and middles of these turns, t_s (K,), s since the start of the activity."""
+
+    t_s: NDArray[np.float64]
+    rate_hz: NDArray[np.float64]
+
+
+def rate_course(activity: Activity, rate_hz: float) -> RateCourse:
+    """Find, for moments an eighth of a turn long, the lag near one turn at which the images are most alike.
+
+    rate_hz: rate about which is searched. Moments without a maximum within reach are left out, so K may be 0.
+    """
+    features = features_of(counts_of(activity))
+    per_second = NANOSECONDS / activity.bin
+    turn = per_second / rate_hz
+    lags = np.arange(int(turn * (1 - _REACH)), int(turn * (1 + _REACH)) + 2)
+    width = max(int(turn / _PER_TURN), _LEAST_BINS)
+    last = len(features) - int(lags[-1]) - width
+    if lags[0] < 2 or last < 0:
+        return RateCourse(np.empty(0), np.empty(0))
+    found = []
+    for start in np.unique(np.linspace(0, last, min(_MOST, last // width + 1)).astype(int)):
+        lag = _lag(features, slice(start, start + width), lags)
+        if lag is not None:
+            found.append(((start + width / 2 + lag / 2) / per_second, per_second / lag))
+    t, rate = np.array(found).reshape(-1, 2).T
+    return RateCourse(t, rate)
+
+
+def _lag(features: NDArray[np.float64], rows: slice, lags: NDArray[np.int64]) -> float | None:
+    """Lag in bins of the best correlation of the rows with later ones, between bins by a parabola; None at the ends."""
+    now = features[rows]
+    later = np.stack([features[rows.start + lag : rows.stop + lag] for lag in lags])
+    energy = (later**2).sum(axis=(1, 2))
+    r = np.einsum("lbf,bf->l", later, now) / np.sqrt(np.where(energy > 0, energy, 1.0))
+    k = int(np.argmax(r))
+    if not 0 < k < len(r) - 1 or r[k] <= 0:
+        return None
+    left, middle, right = r[k - 1 : k + 2]
+    return float(lags[k] + 0.5 * (left - right) / (left - 2 * middle + right))

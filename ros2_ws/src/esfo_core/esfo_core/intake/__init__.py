@@ -1,1 +1,0 @@
-"""Taking the messages of a fast topic apart from all others."""

@@ -1,1 +1,0 @@
-"""Nodes with the life cycle of ROS 2."""

@@ -1,1 +1,0 @@
-"""Simulated recordings and tracks with exact truth."""

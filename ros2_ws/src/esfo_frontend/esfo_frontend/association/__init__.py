@@ -1,0 +1,1 @@
+"""Feature tracks by prediction: each corner goes to the track that predicts it."""

@@ -1,0 +1,1 @@
+"""HDBSCAN in numba, and the package `hdbscan` beside it."""

@@ -1,0 +1,1 @@
+"""Corner events on the surface of active events."""

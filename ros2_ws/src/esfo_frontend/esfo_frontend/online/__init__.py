@@ -1,0 +1,1 @@
+"""The front-end on a live stream: lost packets, clocks, health."""

@@ -1,0 +1,1 @@
+"""The ROS node of the front-end and its messages."""

@@ -1,0 +1,105 @@
+"""ROS messages of the front-end, to and from its plain types."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from esfo_msgs.msg import CornerClusters, EventActivity, FeatureTracks, OrbitEstimate
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from esfo_core.activity import Activity
+from esfo_core.orbit import Spin
+from esfo_core.tracks import TrackUpdate
+from esfo_frontend.clustering.chunk_clusterer import Clusters
+from esfo_frontend.frontend import FrontendOutput
+from esfo_ros.time_stamps import to_stamp
+
+BINS_PER_MESSAGE = 32
+
+
+def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: str) -> Iterator[tuple[str, Any]]:
+    """Return the messages that an output makes, each after its topic.
+
+    t: sensor time of the latest event, ns. offset_ns: host time minus sensor time.
+    """
+    rows = output.tracks.observations
+    if len(output.clusters):
+        header = header_at(int(output.clusters.t.max()) + offset_ns, frame_id)
+        yield "corner_clusters", clusters_message(output.clusters, header)
+    if len(rows) or len(output.tracks.ended):
+        header = header_at((int(rows.t.max()) if len(rows) else t) + offset_ns, frame_id)
+        yield "feature_tracks", tracks_message(output.tracks, header)
+    if output.activity is not None:
+        for message in activity_messages(output.activity, offset_ns, frame_id):
+            yield "event_activity", message
+
+
+def clusters_message(clusters: Clusters, header: Header) -> CornerClusters:
+    """Return corners with their clusters; the header has the time of the newest corner."""
+    return CornerClusters(
+        header=header,
+        x=_flat("H", clusters.x),
+        y=_flat("H", clusters.y),
+        polarity=_flat("B", clusters.polarity),
+        t=_flat("q", clusters.t),
+        cluster_id=_flat("i", clusters.cluster_id),
+    )
+
+
+def tracks_message(update: TrackUpdate, header: Header) -> FeatureTracks:
+    """Return new observations and ended tracks; the header has the time of the newest observation."""
+    rows = update.observations
+    return FeatureTracks(
+        header=header,
+        track_id=_flat("I", rows.track_id),
+        t=_flat("q", rows.t),
+        u=_flat("f", rows.uv[:, 0]),
+        v=_flat("f", rows.uv[:, 1]),
+        sigma=_flat("f", rows.sigma),
+        ended=_flat("I", update.ended),
+    )
+
+
+def activity_messages(activity: Activity, offset_ns: int, frame_id: str) -> Iterator[EventActivity]:
+    """Return the bins in messages of `BINS_PER_MESSAGE`; offset_ns: host time minus sensor time."""
+    _, _, rows, columns = activity.counts.shape
+    for first in range(0, len(activity.counts), BINS_PER_MESSAGE):
+        counts = activity.counts[first : first + BINS_PER_MESSAGE]
+        t0 = activity.t0 + first * activity.bin
+        yield EventActivity(
+            header=header_at(t0 + len(counts) * activity.bin + offset_ns, frame_id),
+            t0=t0,
+            bin=activity.bin,
+            cell=activity.cell,
+            rows=rows,
+            columns=columns,
+            counts=_flat("H", counts),
+        )
+
+
+def image_message(rgb: NDArray[np.uint8], header: Header) -> Image:
+    """Return an image (height, width, 3) of red, green and blue."""
+    height, width, _ = rgb.shape
+    return Image(header=header, height=height, width=width, encoding="rgb8", step=3 * width, data=_flat("B", rgb))
+
+
+def spin_from(message: OrbitEstimate) -> Spin | None:
+    """Return the motion of an estimate, None where it failed."""
+    if message.status == OrbitEstimate.STATUS_FAILED:
+        return None
+    return Spin(np.array(message.axis), float(message.rate_hz), np.array(message.center), int(message.t0))
+
+
+def header_at(ns: int, frame_id: str) -> Header:
+    """Return a header with a host time in nanoseconds."""
+    return Header(stamp=to_stamp(ns), frame_id=frame_id)
+
+
+def _flat(typecode: str, values: NDArray[np.generic]) -> array[int]:
+    # rclpy takes an array.array as it is, but walks through anything else element by element.
+    return array(typecode, np.ascontiguousarray(values).tobytes())

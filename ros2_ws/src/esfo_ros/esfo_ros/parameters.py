@@ -1,0 +1,84 @@
+"""ROS parameters made from options."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from esfo_core.errors import OptionError
+from esfo_core.options import OptionField, fields_of, replace
+
+T = TypeVar("T")
+
+
+def parameter_descriptor(leaf: OptionField, read_only: bool) -> ParameterDescriptor:
+    """Describe an option as a parameter, with its meaning and its range or choices."""
+    # Typed dynamically, so that `300` is taken where `300.0` is meant: rclpy would refuse it.
+    descriptor = ParameterDescriptor(
+        description=leaf.meaning,
+        read_only=read_only,
+        dynamic_typing=True,
+        additional_constraints=f"one of: {', '.join(leaf.choices)}" if leaf.choices else "",
+    )
+    low = -sys.float_info.max if leaf.low is None else leaf.low
+    high = sys.float_info.max if leaf.high is None else leaf.high
+    if leaf.low is not None or leaf.high is not None:
+        if isinstance(leaf.value, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+        else:
+            bounds = [round(max(min(v, 2.0**62), -(2.0**62))) for v in (low, high)]
+            descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1], step=1)]
+    return descriptor
+
+
+def declare_fields(node: Node, options: T, read_only: bool = True) -> T:
+    """Declare every field of an options dataclass as a parameter; return the options as they are set.
+
+    Raises OptionError for a bad value.
+    """
+    return replace(options, {leaf.name: declare(node, leaf, read_only) for leaf in fields_of(options)})
+
+
+def declare_options(node: Node, presets: Mapping[str, T], read_only: bool = True) -> T:
+    """Declare `preset` and every field of its options; fields that are not set have the value of the preset.
+
+    Raises OptionError for an unknown preset or a bad value.
+    """
+    leaf = OptionField("preset", "default", "values of the options that are not set", None, None, tuple(presets))
+    preset = declare(node, leaf, read_only=True)
+    if preset not in presets:
+        raise OptionError(f"preset is {preset!r}; choose from {', '.join(presets)}")
+    return declare_fields(node, presets[preset], read_only)
+
+
+def declare(node: Node, leaf: OptionField, read_only: bool) -> Any:
+    """Declare one option as a parameter and return its value. Raises OptionError for a bad value."""
+    try:
+        value = node.declare_parameter(leaf.name, leaf.value, parameter_descriptor(leaf, read_only)).value
+    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+        raise OptionError(f"parameter {leaf.name}: {error}") from error
+    check_type(leaf, value)
+    return value
+
+
+def check_type(leaf: OptionField, value: object) -> None:
+    """Raise OptionError when a parameter has another type than its option; whole numbers serve as fractions too."""
+    allowed = (int, float) if isinstance(leaf.value, float) else (type(leaf.value),)
+    if type(value) not in allowed:
+        raise OptionError(f"parameter {leaf.name} takes {type(leaf.value).__name__}, got {value!r}")
+
+
+def with_values(options: T, values: Mapping[str, object]) -> T:
+    """Return options with the values of those parameters that are fields of them.
+
+    Raises OptionError for a bad value.
+    """
+    mine = {leaf.name: leaf for leaf in fields_of(options) if leaf.name in values}
+    for name, leaf in mine.items():
+        check_type(leaf, values[name])
+    return replace(options, {name: values[name] for name in mine})

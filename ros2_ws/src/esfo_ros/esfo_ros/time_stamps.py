@@ -1,0 +1,22 @@
+"""ROS time stamps and nanoseconds."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+
+from esfo_core.errors import EsfoError
+
+SECOND = 1_000_000_000
+
+
+def to_stamp(ns: int) -> Time:
+    """Return nanoseconds as a ROS time. Raises EsfoError for a time that ROS cannot express."""
+    seconds, nanoseconds = divmod(ns, SECOND)
+    if not 0 <= seconds < 2**31:
+        raise EsfoError(f"time {ns} ns does not fit a ROS time stamp")
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def from_stamp(stamp: Time) -> int:
+    """Return a ROS time in nanoseconds."""
+    return int(stamp.sec) * SECOND + int(stamp.nanosec)

@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "esfo_ros"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="What the ROS nodes of event-based structure from orbit share",
+    license="Apache-2.0",
+    maintainer="ESfO maintainers",
+    maintainer_email="maintainers@example.org",
+    packages=find_packages(),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=True,
+)

@@ -1,0 +1,18 @@
+from setuptools import find_packages, setup
+
+PACKAGE = "esfo_simulation"
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="Simulated recordings of spinning objects, with truth",
+    license="Apache-2.0",
+    maintainer="ESfO maintainers",
+    maintainer_email="maintainers@example.org",
+    packages=find_packages(),
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    zip_safe=False,  # compiled kernels are cached beside their source
+)

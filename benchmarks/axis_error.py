@@ -23,10 +23,10 @@ from backend import NAMES, folder_of
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points, schur_marginal
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points, schur_marginal
 from esfo_backend.adjustment.covariance import motion_covariance
-from esfo_backend.initialise.initialisation import Start
-from esfo_backend.landmarks.landmarks import build_structure, prune
+from esfo_backend.initialise.initialisation import Initialisation
+from esfo_backend.landmarks.landmarks import build_landmarks, prune
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.parametrization import Observations, motion_from_axis, observations
 from esfo_bringup.benchmark.orbit_accuracy import track
@@ -50,7 +50,7 @@ Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rows:
+class ObservationRows:
     """Averaged corner events.
 
     track: (N,) 2 x corner + polarity. t: (N,) ns. uv: (N, 2) px. offset: (N, 2) px from the true path. way: (N, 2) unit
@@ -102,7 +102,7 @@ def near_true_paths(events: EventArray, scene: Scene) -> Iterator[Vector]:
         yield np.stack(columns, axis=1)[own]
 
 
-def associated_rows(events: EventArray, scene: Scene) -> Rows:
+def associated_rows(events: EventArray, scene: Scene) -> ObservationRows:
     """Average the events of each corner and polarity over `ROW_PX` of motion."""
     e = np.concatenate(list(near_true_paths(events, scene)))
     e = e[np.lexsort((e[:, 1], e[:, 0]))]
@@ -117,10 +117,10 @@ def associated_rows(events: EventArray, scene: Scene) -> Rows:
     row = row.ravel()
     mean = np.stack([np.bincount(row, column) / count for column in e.T], axis=1)[count >= MIN_CORNERS]
     way = mean[:, 6:8] / np.hypot(*mean[:, 6:8].T)[:, None]
-    return Rows(np.rint(mean[:, 0]).astype(np.int64), mean[:, 1], mean[:, 2:4], mean[:, 4:6], way)
+    return ObservationRows(np.rint(mean[:, 0]).astype(np.int64), mean[:, 1], mean[:, 2:4], mean[:, 4:6], way)
 
 
-def judged(solution: Adjusted, obs: Observations, scene: Scene) -> str:
+def judged(solution: OrbitSolution, obs: Observations, scene: Scene) -> str:
     """Error of the axis and its deviation for independent points, degrees, and the number of points."""
     cauchy_px = OPTIONS.graph.cauchy_px
     off = np.degrees(np.arccos(min(abs(float(solution.motion.axis @ scene.spin.axis)), 1.0)))
@@ -131,19 +131,19 @@ def judged(solution: Adjusted, obs: Observations, scene: Scene) -> str:
 
 def of_tracks(tracks: Tracks, scene: Scene) -> str:
     """Solve as the back-end does, from the truth."""
-    obs, _ = observations(tracks, scene.camera, OPTIONS.start.min_rows)
+    obs, _ = observations(tracks, scene.camera, OPTIONS.initialisation.min_observations)
     motion = motion_from_axis(scene.spin.axis, scene.spin.center, scene.spin.rate_hz)
-    begun = adjust(motion, linear_points(motion, obs), obs, OPTIONS.start.cauchy_px, False)
-    found = prune(build_structure(Start(begun, "direct", None, "the truth"), obs, OPTIONS), OPTIONS)
+    begun = bundle_adjustment(motion, linear_points(motion, obs), obs, OPTIONS.initialisation.cauchy_px, False)
+    found = prune(build_landmarks(Initialisation(begun, "direct", None, "the truth"), obs, OPTIONS), OPTIONS)
     return judged(found.solution, found.obs, scene)
 
 
-def of_rows(rows: Rows, uv: Vector, scene: Scene) -> str:
+def of_rows(rows: ObservationRows, uv: Vector, scene: Scene) -> str:
     """Solve with the corner of each row known, which is at uv (N, 2)."""
     tracks = Tracks.from_columns(rows.track, np.rint(rows.t).astype(np.int64), uv, np.full(len(uv), SIGMA_PX))
     obs, _ = observations(tracks, scene.camera, MIN_ROWS)
     motion = motion_from_axis(scene.spin.axis, scene.spin.center, scene.spin.rate_hz)
-    return judged(adjust(motion, linear_points(motion, obs), obs, OPTIONS.graph.cauchy_px), obs, scene)
+    return judged(bundle_adjustment(motion, linear_points(motion, obs), obs, OPTIONS.graph.cauchy_px), obs, scene)
 
 
 def run_scene(name: str, options: SceneOptions, folder: Path) -> None:

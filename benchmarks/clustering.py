@@ -17,7 +17,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from esfo_core.events import EventArray, make_events
 from esfo_core.recordings import open_recording
-from esfo_frontend.clustering.chunk_clusterer import NANOSECONDS, ChunkClusterer, cluster
+from esfo_frontend.clustering.chunk_clusterer import NS_PER_S, ChunkClusterer, cluster
 from esfo_frontend.clustering.density_filter import DensityFilter
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import PRESETS, ClusterOptions, nanoseconds
@@ -119,7 +119,7 @@ def table_of_sources() -> None:
           " hdbscan to itself, mean (least) |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|")
     for name, corners in sources():
-        per_ms = len(corners) / (corners["t"][-1] - corners["t"][0]) * NANOSECONDS / 1e3
+        per_ms = len(corners) / (corners["t"][-1] - corners["t"][0]) * NS_PER_S / 1e3
         ours, package = min(stream(corners, OURS) for _ in range(3)), stream(corners, PACKAGE)
         ari, own = np.array([agreement(c) for c in chunks(corners)]).T
         print(f"| {name} | {len(corners)} | {per_ms:.0f} | {package:.1f} | {ours:.2f} | {package / ours:.1f} "

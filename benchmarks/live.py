@@ -91,7 +91,7 @@ def _off(estimate: OrbitEstimate, rate_hz: float) -> tuple[float, float, float, 
 def endless(camera: Camera, turns: int) -> None:
     """Print a row every few turns."""
     # Limits that are reached within the stream, so that it shows what happens beyond them.
-    backend = Backend(camera, BackendOptions(memory=MemoryOptions(max_bins=8000, max_rows=10_000)))
+    backend = Backend(camera, BackendOptions(memory=MemoryOptions(max_bins=8000, max_observations=10_000)))
     spent: list[float] = []
     print("| turns | CPU ms per update, median | 95 % | longest | rows bins | peak MiB | rate off | std | axis off |")
     print("|---|---|---|---|---|---|---|---|---|")

@@ -13,7 +13,7 @@ from esfo_backend.backend import Backend
 from esfo_backend.options import PRESETS as BACKEND_PRESETS
 from esfo_core.camera import Camera
 from esfo_core.events import EventArray
-from esfo_core.orbit import NANOSECONDS, angle_between
+from esfo_core.orbit import NS_PER_S, angle_between
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
@@ -50,7 +50,7 @@ def pipeline(revolutions: float) -> None:
     chunks: list[EventArray] = []
     seconds = cpu(lambda: chunks.extend(simulation.chunks()))
     events = np.concatenate(chunks)
-    length = (events["t"][-1] - events["t"][0]) / NANOSECONDS
+    length = (events["t"][-1] - events["t"][0]) / NS_PER_S
     camera, truth = simulation.camera, simulation.spin
     print(
         f"scene: {len(events) / 1e6:.2f} M events, {length:.2f} s, {camera.width}x{camera.height}, {seconds:.1f} CPU s"

@@ -18,12 +18,12 @@ import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_graph
-from esfo_backend.initialise.axis_search import direct_start
-from esfo_backend.initialise.colmap import colmap_start, cut_views
-from esfo_backend.options import StartOptions
-from esfo_backend.orbit.parametrization import Motion, Observations, Rows, motion_from_axis, observations
+from esfo_backend.initialise.axis_search import search_axis
+from esfo_backend.initialise.colmap import cut_views, run_colmap
+from esfo_backend.options import InitialisationOptions
+from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations, motion_from_axis, observations
 from esfo_backend.orbit.projection import linearize_stack, project_row, robust_cost
 from esfo_core.camera import Camera
 from esfo_core.orbit import Matrix, Spin, Vector, angle_between, rotation
@@ -62,7 +62,7 @@ def problem(points: int, views: int) -> tuple[Observations, Motion]:
         project_row(motion.Q, RATE_HZ, y[k // views], dt[k % views], X[k])
     xy = X[:, :2] / X[:, 2:] + 0.5 / FOCAL * rng.normal(size=(len(X), 2))
     first = np.arange(points + 1) * views
-    rows = Rows(np.tile(dt, points), xy, np.ones(len(X)), first, np.full(2, FOCAL))
+    rows = ObservationRows(np.tile(dt, points), xy, np.ones(len(X)), first, np.full(2, FOCAL))
     off = rotation(np.array([0.6, 0.0, 0.8]), np.radians(1.0))
     return Observations(rows, 0), Motion(off @ motion.Q, RATE_HZ * 1.001)
 
@@ -74,19 +74,19 @@ def cpu(work: Callable[[], tuple[int, float]]) -> Run:
     return Run(time.process_time() - begin, iterations, cost)
 
 
-def schur(start: Adjusted, obs: Observations, cauchy_px: float) -> tuple[int, float]:
+def schur(start: OrbitSolution, obs: Observations, cauchy_px: float) -> tuple[int, float]:
     """Levenberg-Marquardt in numba with the points eliminated."""
-    found = adjust(start.motion, start.y, obs, cauchy_px)
+    found = bundle_adjustment(start.motion, start.y, obs, cauchy_px)
     return found.iterations, found.cost
 
 
-def graph(start: Adjusted, obs: Observations, cauchy_px: float) -> tuple[int, float]:
+def graph(start: OrbitSolution, obs: Observations, cauchy_px: float) -> tuple[int, float]:
     """Levenberg-Marquardt around GTSAM's `linearize`; includes making the graph and its marginal."""
-    found = optimise_graph(start, obs, cauchy_px, 50).adjusted
+    found = optimise_graph(start, obs, cauchy_px, 50).solution
     return found.iterations, found.cost
 
 
-def gtsam_own(start: Adjusted, obs: Observations) -> tuple[int, float]:
+def gtsam_own(start: OrbitSolution, obs: Observations) -> tuple[int, float]:
     """GTSAM's own Levenberg-Marquardt on the same factors."""
     optimiser = gtsam.LevenbergMarquardtOptimizer(orbit_graph(obs, 0.0), graph_values(start.motion, start.y))
     optimiser.optimize()
@@ -111,8 +111,8 @@ def turned(Q: Matrix, w: Vector) -> Matrix:
 class ScipyProblem:
     """The same residuals and Jacobians for scipy: parameters are a rotation vector, the rate, then the points."""
 
-    def __init__(self, start: Adjusted, obs: Observations) -> None:
-        self.start, self.obs = start, obs
+    def __init__(self, start: OrbitSolution, obs: Observations) -> None:
+        self.initialisation, self.obs = start, obs
         point = np.repeat(obs.point_index(), 2)
         motion = np.tile(np.arange(4), (len(point), 1))
         self.columns = np.hstack([motion, 4 + 3 * point[:, None] + np.arange(3)])
@@ -120,7 +120,7 @@ class ScipyProblem:
 
     def stack(self, p: Vector) -> Matrix:
         """Residuals and Jacobian blocks of all points, (2N, 8)."""
-        Q, y = turned(self.start.motion.Q, p[:3]), p[4:].reshape(-1, 3)
+        Q, y = turned(self.initialisation.motion.Q, p[:3]), p[4:].reshape(-1, 3)
         blocks = [linearize_stack(Q, p[3], y[j], self.obs.of_point(j), 0.0, 1) for j in range(len(y))]
         return np.concatenate(blocks)
 
@@ -136,19 +136,19 @@ class ScipyProblem:
 
     def solve(self) -> tuple[int, float]:
         """Trust region with sparse analytic Jacobians."""
-        p = np.concatenate([np.zeros(3), [self.start.motion.rate_hz], self.start.y.ravel()])
+        p = np.concatenate([np.zeros(3), [self.initialisation.motion.rate_hz], self.initialisation.y.ravel()])
         found = scipy.optimize.least_squares(self.residuals, p, self.jacobian, x_scale="jac", ftol=1e-10)
         return int(found.njev), float(found.cost)
 
 
-def ceres(start: Adjusted, obs: Observations) -> tuple[int, float]:
+def ceres(start: OrbitSolution, obs: Observations) -> tuple[int, float]:
     """Ceres with one Python cost function per point and its Schur solver."""
     Q = start.motion.Q
 
     class PointCost(pyceres.CostFunction):  # type: ignore[misc]
         """All rows of one point."""
 
-        def __init__(self, rows: Rows) -> None:
+        def __init__(self, rows: ObservationRows) -> None:
             super().__init__()
             self.rows = rows
             self.set_num_residuals(2 * len(rows.dt))
@@ -186,7 +186,7 @@ def ceres(start: Adjusted, obs: Observations) -> tuple[int, float]:
 def compare(points: int, views: int, repeats: int) -> None:
     """Print one table."""
     obs, motion = problem(points, views)
-    start = Adjusted(motion, linear_points(motion, obs), 0.0, 0)
+    start = OrbitSolution(motion, linear_points(motion, obs), 0.0, 0)
     solvers: dict[str, Callable[[], tuple[int, float]]] = {
         "Schur": lambda: schur(start, obs, 0.0),
         "graph": lambda: graph(start, obs, 0.0),
@@ -220,8 +220,8 @@ def initialisation() -> None:
     views = [len(t) for t in cut_views(tracks, camera, 0.03).track]
     print(f"\n{len(views)} views of {np.mean(views):.0f} tracks, {obs.points} tracks in all, CPU s (goal: 3)")
     starts: dict[str, Callable[[], Matrix]] = {
-        "direct start": lambda: direct_start(obs, RATE_HZ, StartOptions()).best.motion.Q,
-        "COLMAP": lambda: colmap_start(tracks, camera, StartOptions()).orbit.motion.Q,
+        "direct start": lambda: search_axis(obs, RATE_HZ, InitialisationOptions()).best.motion.Q,
+        "COLMAP": lambda: run_colmap(tracks, camera, InitialisationOptions()).orbit.motion.Q,
     }
     for name, start in starts.items():
         begin = time.process_time()
@@ -238,7 +238,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5, help="runs of the fast solvers, of which the median counts")
     repeats = parser.parse_args().repeats
     tiny, motion = problem(20, 10)
-    compiled = adjust(motion, linear_points(motion, tiny), tiny, 1.0)
+    compiled = bundle_adjustment(motion, linear_points(motion, tiny), tiny, 1.0)
     optimise_graph(compiled, tiny, 1.0, 2)
     if pyceres is None:
         print("pyceres is not installed: Ceres is left out")

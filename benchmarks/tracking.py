@@ -24,7 +24,7 @@ from esfo_core.camera import Camera
 from esfo_core.evaluation.track_error import FittedTracks, fit_tracks
 from esfo_core.events import EventArray
 from esfo_core.options import parse_assignments, replace
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions
@@ -120,7 +120,7 @@ def track(events: EventArray, camera: Camera, options: FrontendOptions) -> Run:
         delays.append(now - rows.t)
     tracks.append(frontend.flush().tracks.observations)
     seconds = time.process_time() - begin
-    return Run(Tracks.concatenate(tracks), np.concatenate(delays) / NANOSECONDS, seconds)
+    return Run(Tracks.concatenate(tracks), np.concatenate(delays) / NS_PER_S, seconds)
 
 
 def tracked_corners(scene: Scene, fitted: FittedTracks, times: NDArray[np.int64]) -> tuple[float, float]:
@@ -165,7 +165,7 @@ def spinning(presets: dict[str, FrontendOptions]) -> None:
             good, age = fitted.good, np.sort(fitted.age[fitted.good])[::-1]
             least = least or len(age)
             seen, share = tracked_corners(scene, fitted, times)
-            at_a_time = age.sum() * NANOSECONDS / np.ptp(events["t"])
+            at_a_time = age.sum() * NS_PER_S / np.ptp(events["t"])
             delay = "" if not len(run.delay_s) else f"{1e3 * np.median(run.delay_s):.0f}, {1e3 * run.delay_s.max():.0f}"
             cost = f"{run.seconds:.1f}"
             second.append(

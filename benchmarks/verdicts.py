@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from esfo_backend.options import BackendOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.orbit import angle_between
@@ -112,7 +112,7 @@ def still(options: SceneOptions) -> SceneOptions:
 
 def solve(scene: Scene) -> OrbitEstimate:
     """Run the pipeline, without COLMAP, which decides no verdict."""
-    options = BackendOptions(start=StartOptions(method="direct"))
+    options = BackendOptions(initialisation=InitialisationOptions(method="direct"))
     return backend_of(track(scene.chunks(), scene.camera), scene.camera, options).solve()
 
 

@@ -5,14 +5,14 @@ import pytest
 from scenes import CAMERA, NONE_ENDED, backend_for, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
-from esfo_backend.options import PRESETS, BackendOptions, StartOptions
+from esfo_backend.options import PRESETS, BackendOptions, InitialisationOptions
 from esfo_core.options import replace
 from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
-DIRECT = BackendOptions(start=StartOptions(method="direct"))
+DIRECT = BackendOptions(initialisation=InitialisationOptions(method="direct"))
 
 
 def test_exact_tracks():
@@ -70,7 +70,7 @@ def test_tracks_may_contradict_the_event_stream():
 
 def test_colmap_is_used_where_it_serves():
     scene = tracks_of(spin(AXIS), points=150, noise_px=0.5)
-    backend = backend_for(scene, options=replace(BackendOptions(), {"start.method": "both"}))
+    backend = backend_for(scene, options=replace(BackendOptions(), {"initialisation.method": "both"}))
     estimate = backend.solve()
     assert estimate.initialisation == "colmap"
     assert abs(estimate.spin.rate_hz - 0.5) < 3 * estimate.rate_std_hz
@@ -79,12 +79,12 @@ def test_colmap_is_used_where_it_serves():
 def test_colmap_is_asked_only_where_the_direct_start_leaves_a_doubt():
     sure = backend_for(tracks_of(spin(AXIS), points=150, noise_px=0.5))
     assert sure.solve().initialisation == "direct"
-    assert sure.last_start_note == "COLMAP was not needed"
+    assert sure.last_initialisation_note == "COLMAP was not needed"
     # Half of the tracks follow no point and cost much at every axis.
     doubtful = backend_for(tracks_of(spin(AXIS), points=60, noise_px=0.5, outliers=0.5))
     doubtful.solve()
-    assert "COLMAP" in doubtful.last_start_note
-    assert "not needed" not in doubtful.last_start_note
+    assert "COLMAP" in doubtful.last_initialisation_note
+    assert "not needed" not in doubtful.last_initialisation_note
 
 
 def test_paper_preset_runs_on_rich_tracks():
@@ -108,7 +108,7 @@ def test_no_rotation_is_a_failure_with_a_reason():
     assert estimate.spin is None
     assert "rotation" in estimate.reason or "round again" in estimate.reason
     noise = backend_for(scene, options=DIRECT)
-    noise._history._recent = [  # the same tracks with a stream that does not repeat
+    noise._memory._recent = [  # the same tracks with a stream that does not repeat
         type(activity)(
             activity.t0, activity.bin, activity.cell, rng.poisson(1, activity.counts.shape).astype(np.uint16)
         )

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import backend_for, spin, tracks_of, unit
 
-from esfo_backend.options import BackendOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_core.orbit import angle_between, rotation
 
-DIRECT = BackendOptions(start=StartOptions(method="direct"))
+DIRECT = BackendOptions(initialisation=InitialisationOptions(method="direct"))
 VIEW = unit(0.1, 0.05, 4.0)
 STEPS = (-1, 0, 1)
 AXES = [unit(x, y, z) for x in STEPS for y in STEPS for z in STEPS if (z, y, x) > (0, 0, 0)]

@@ -5,14 +5,14 @@ import pytest
 from scenes import backend_for, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
-from esfo_backend.options import BackendOptions, ScaleOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions, ScaleOptions
 from esfo_backend.scale import diameter
 from esfo_core.camera import Camera
 from esfo_core.errors import OptionError
 from esfo_core.options import parse_assignments, replace
 
 AXIS = unit(0.3, -0.8, 0.4)
-DIRECT = BackendOptions(start=StartOptions(method="direct"))
+DIRECT = BackendOptions(initialisation=InitialisationOptions(method="direct"))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
-from esfo_backend.options import BackendOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_backend.spin_rate.correlation import correlation_rate
 from esfo_core.orbit import angle_between, rotation
 from esfo_core.tracks import Tracks, TrackUpdate
@@ -42,7 +42,7 @@ def symmetric(axis, fold, duration_s=4.0, unlike=0):
 
 
 def solved(tracks, activity):
-    backend = Backend(CAMERA, BackendOptions(start=StartOptions(method="direct")))
+    backend = Backend(CAMERA, BackendOptions(initialisation=InitialisationOptions(method="direct")))
     backend.add(TrackUpdate(tracks, NONE_ENDED), activity)
     return backend.solve()
 

@@ -45,7 +45,7 @@ def scenes(tmp_path_factory):
 
 
 def test_a_scene_is_measured_and_summarised(capsys, scenes):
-    document = json.loads(printed(capsys, "topspin", scenes, "--json", "-p", "start.method:=direct"))
+    document = json.loads(printed(capsys, "topspin", scenes, "--json", "-p", "initialisation.method:=direct"))
     (scene,) = document["results"]
     assert (scene["scene"], scene["preset"], scene["status"]) == ("hubble", "default", "ok")
     assert scene["rate_error_percent"] < 0.02
@@ -53,7 +53,7 @@ def test_a_scene_is_measured_and_summarised(capsys, scenes):
     assert scene["rate_error_over_std"] < 3
     assert scene["registration_percent"] < 2
     assert scene["colmap"] == "none"
-    assert document["options"] == ["start.method:=direct"]
+    assert document["options"] == ["initialisation.method:=direct"]
     (summary,) = document["summary"]
     assert summary["statuses"] == {"ok": 1, "degenerate": 0, "failed": 0}
     assert summary["axis error, deg"]["median"] == scene["axis_error_deg"]
@@ -61,7 +61,9 @@ def test_a_scene_is_measured_and_summarised(capsys, scenes):
 
 
 def test_the_table_has_a_row_per_scene_and_preset(capsys, scenes):
-    lines = printed(capsys, "topspin", scenes, "--preset", "paper", "-p", "start.colmap_min_tracks:=1000").splitlines()
+    lines = printed(
+        capsys, "topspin", scenes, "--preset", "paper", "-p", "initialisation.colmap_min_tracks:=1000"
+    ).splitlines()
     header, rule, row = lines[:3]
     assert len(cells(header)) == len(cells(rule)) == len(cells(row))
     assert cells(row)[:2] == ["hubble", "paper"]
@@ -72,7 +74,7 @@ def test_the_table_has_a_row_per_scene_and_preset(capsys, scenes):
 def test_a_scene_without_its_surface_is_not_registered(capsys, scenes, tmp_path):
     for name in ("hubble.mcap", "hubble.truth.json"):
         (tmp_path / name).write_bytes((scenes / "fast" / name).read_bytes())
-    out = json.loads(printed(capsys, "topspin", tmp_path, "--json", "-p", "start.method:=direct"))
+    out = json.loads(printed(capsys, "topspin", tmp_path, "--json", "-p", "initialisation.method:=direct"))
     assert out["results"][0]["registration_percent"] is None
     assert out["results"][0]["status"] == "ok"
 
@@ -83,7 +85,7 @@ def measured():
     spin = Spin(AXIS, 0.5, np.array([0.1, 0.05, 4.0]), 1_000_000_000)
     scene = synthetic_tracks(spin, CAMERA, SyntheticTrackOptions(noise_px=0.5))
     tracked = TrackedScene(scene.tracks, synthetic_activity(spin, scene.points, CAMERA, 4.0), 1.5)
-    settings = settings_for("default", {"start.method": "direct"})
+    settings = settings_for("default", {"initialisation.method": "direct"})
 
     def against(truth):
         return measure_orbit(TrueScene("ball", None, CAMERA, truth, None), "default", settings, tracked)

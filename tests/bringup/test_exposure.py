@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, Exposure
+from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, EventImage
 from esfo_core.events import empty_events, make_events
 
 WIDTH, HEIGHT, START = 7, 5, 3_000_000_123
@@ -17,7 +17,7 @@ def stream(duration_ns, count=3000, seed=1):
 
 
 def exposed(events, pieces):
-    exposure = Exposure(WIDTH, HEIGHT)
+    exposure = EventImage(WIDTH, HEIGHT)
     for piece in np.array_split(events, pieces):
         exposure.add(piece)
     return exposure
@@ -48,7 +48,7 @@ def test_what_is_kept_does_not_grow():
 
 
 def test_pauses_and_nothing_at_all():
-    exposure = Exposure(WIDTH, HEIGHT)
+    exposure = EventImage(WIDTH, HEIGHT)
     assert len(exposure.moment(LONGEST_MOMENT_NS)) == 0
     exposure.add(empty_events())
     early, late = stream(50_000_000, 10), stream(50_000_000, 10)

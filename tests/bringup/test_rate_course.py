@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from esfo_bringup.results.rate_over_time import rate_course
+from esfo_bringup.results.rate_over_time import rate_over_time
 from esfo_core.activity import Activity
 
 BIN = 5_000_000
@@ -23,7 +23,7 @@ def activity(phase, duration_s, seed=2):
 
 @pytest.mark.parametrize("rate", [0.4, 2.0, 7.3])
 def test_a_constant_rate_is_found_all_the_time(rate):
-    course = rate_course(activity(lambda t: rate * t, 6 / rate), rate * 1.01)
+    course = rate_over_time(activity(lambda t: rate * t, 6 / rate), rate * 1.01)
     assert len(course.t_s) >= 9
     error = 1e-3 + 0.2 * rate * BIN / 1e9  # a third of a degree by the noise of counting, and a fifth of a bin
     np.testing.assert_allclose(course.rate_hz, rate, rtol=error)
@@ -34,14 +34,14 @@ def test_a_constant_rate_is_found_all_the_time(rate):
 
 def test_a_changing_rate_is_followed():
     rate, slope = 0.8, -0.02
-    course = rate_course(activity(lambda t: rate * t + slope * t**2 / 2, 5.0), 0.75)
+    course = rate_over_time(activity(lambda t: rate * t + slope * t**2 / 2, 5.0), 0.75)
     # Over a turn centred at t the mean of a rate that changes linearly is the rate at t.
     np.testing.assert_allclose(course.rate_hz, rate + slope * course.t_s, rtol=2e-3)
     assert np.polyfit(course.t_s, course.rate_hz, 1)[0] == pytest.approx(slope, rel=0.1)
 
 
 def test_what_is_too_short_or_does_not_repeat_gives_nothing():
-    assert len(rate_course(activity(lambda t: 0.5 * t, 2.1), 0.5).t_s) == 0
+    assert len(rate_over_time(activity(lambda t: 0.5 * t, 2.1), 0.5).t_s) == 0
     still = Activity(0, BIN, 32, np.full((400, 2, 6, 8), 3, np.uint16))
-    assert len(rate_course(still, 1.0).t_s) == 0
-    assert len(rate_course(activity(lambda t: 0.5 * t, 4.0), 500.0).t_s) == 0
+    assert len(rate_over_time(still, 1.0).t_s) == 0
+    assert len(rate_over_time(activity(lambda t: 0.5 * t, 4.0), 500.0).t_s) == 0

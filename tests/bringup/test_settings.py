@@ -24,7 +24,7 @@ def test_options_go_where_they_belong():
     assert settings.frontend.join.radius == 7.0
     assert settings.frontend.time_scale == FRONTEND["paper"].time_scale
     assert settings.backend.graph.prune_px == 4.0
-    assert settings.backend.start.method == "colmap"
+    assert settings.backend.initialisation.method == "colmap"
 
 
 def test_contradictions_are_refused():

@@ -35,14 +35,14 @@ def estimate(**changes):
         "axis_cov": np.diag([1e-6, 4e-6]),
         "points": np.zeros((5, 3)),
         "point_rms_px": np.full(5, 0.4),
-        "point_rows": np.full(5, 9),
+        "point_observations": np.full(5, 9),
         "tracks": 7,
         "observations": 45,
         "revolutions": 2.5,
         "rms_px": 0.41,
         "initialisation": "direct",
         "alternatives": (Alternative("harmonic", 1.0, np.zeros(3), 1.7),),
-        "timing_s": {"start": 0.5},
+        "timing_s": {"initialisation": 0.5},
     }
     return OrbitEstimate(**{**values, **changes})
 
@@ -82,7 +82,7 @@ def test_an_estimate_is_written_with_the_promised_keys_and_values(tmp_path):
         "rms_reprojection_px": 0.41,
         "initialisation": "direct",
         "alternatives": [{"kind": "harmonic", "rate_hz": 1.0, "axis": [0, 0, 0], "score_ratio": 1.7}],
-        "timing_s": {"start": 0.5},
+        "timing_s": {"initialisation": 0.5},
         "versions": VERSIONS,
     }
 
@@ -129,19 +129,19 @@ def test_no_number_is_null_at_any_depth(bad, tmp_path):
             rms_px=bad,
             spin=Spin(np.array([bad, 0, 0]), 0.5, np.array([0, 0, 4.0]), 0),
             alternatives=(Alternative("mirror", bad, np.array([bad, 0, 1]), bad),),
-            timing_s={"start": bad},
+            timing_s={"initialisation": bad},
         ),
         tmp_path,
     )
     assert content["spin_rate_std_hz"] is content["axis_std_deg"] is content["rms_reprojection_px"] is None
     assert content["axis"] == [None, 0, 0]
     assert content["alternatives"] == [{"kind": "mirror", "rate_hz": None, "axis": [None, 0, 1], "score_ratio": None}]
-    assert content["timing_s"] == {"start": None}
+    assert content["timing_s"] == {"initialisation": None}
 
 
 def test_numpy_numbers_are_written_as_numbers(tmp_path):
     numbers = {"tracks": np.int64(7), "observations": np.uint32(45), "revolutions": np.float32(2.5)}
-    content = written(estimate(**numbers, timing_s={"start": np.float32(0.5)}), tmp_path)
+    content = written(estimate(**numbers, timing_s={"initialisation": np.float32(0.5)}), tmp_path)
     assert content == written(estimate(), tmp_path)
 
 

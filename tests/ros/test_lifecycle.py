@@ -209,7 +209,7 @@ def test_parameters_change_live_or_are_refused(listener, start):
 
 def test_parameters_describe_themselves(listener, start):
     start(executable(*BACKEND), *BY_HAND)
-    names = ["start.cauchy_px", "rate.method", "autostart"]
+    names = ["initialisation.cauchy_px", "rate.method", "autostart"]
     answer = listener.ask(DescribeParameters, "/backend/describe_parameters", DescribeParameters.Request(names=names))
     cauchy, method, autostart = answer.descriptors
     assert "px" in cauchy.description

@@ -50,7 +50,7 @@ def some_estimate(points=40, **changes):
         "axis_cov": np.array([[2e-6, 3e-7], [3e-7, 1e-6]]),
         "points": rng.normal(0, 0.2, (points, 3)),
         "point_rms_px": rng.uniform(0.1, 2, points),
-        "point_rows": rng.integers(3, 90, points),
+        "point_observations": rng.integers(3, 90, points),
         "tracks": 77,
         "observations": 1234,
         "revolutions": 2.04,

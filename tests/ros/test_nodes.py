@@ -102,8 +102,12 @@ WRONG = {
     "NaN intrinsics": (REPLAY, ["recording:={rec}", "camera:={tmp}/nan.yaml"], "not 3x3 of finite numbers"),
     "nobody listens": (REPLAY, ["recording:={rec}", "wait_timeout_s:=0.5"], "0 of 1 subscribers of /events"),
     "unknown preset": (FRONTEND, ["preset:=best"], "preset is 'best'; choose from default, paper"),
-    "out of range": (BACKEND, ["start.cauchy_px:=-1.0"], "start.cauchy_px"),
-    "fraction of a count": (BACKEND, ["start.axes:=24.5"], "parameter start.axes takes int, got 24.5"),
+    "out of range": (BACKEND, ["initialisation.cauchy_px:=-1.0"], "initialisation.cauchy_px"),
+    "fraction of a count": (
+        BACKEND,
+        ["initialisation.axes:=24.5"],
+        "parameter initialisation.axes takes int, got 24.5",
+    ),
 }
 
 

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
-from esfo_core.orbit import NANOSECONDS, Spin, object_frame
+from esfo_core.orbit import NS_PER_S, Spin, object_frame
 from esfo_simulation.motion import BodyMotion
 from esfo_simulation.simulator import LARGEST_STEP_PX, LONGEST_STEP_NS, frame_times
 
 AXIS = np.array([0.48, -0.6, 0.64])
 SPIN = Spin(AXIS, 0.7, np.array([0.01, 0.02, 1.5]), 5_000_000_000)
-SECOND = NANOSECONDS
+SECOND = NS_PER_S
 
 
 def body_rates(motion, t, step=1e4):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from esfo_core.orbit import NANOSECONDS, Spin, rotation
+from esfo_core.orbit import NS_PER_S, Spin, rotation
 from esfo_simulation.render.renderer import Light, Renderer
 from esfo_simulation.scene import SceneOptions, simulate
 from esfo_simulation.sensor.options import SensorOptions
@@ -54,7 +54,7 @@ def around(events, t, half_ns=MILLISECOND):
 
 def test_events_lie_on_the_edges_of_the_true_motion(scene_and_events):
     scene, events = scene_and_events
-    t = int(events["t"][0]) + round(0.05 * NANOSECONDS)
+    t = int(events["t"][0]) + round(0.05 * NS_PER_S)
     now, spin = around(events, t), scene.spin
     # beyond three times the blur an edge changes no light: what is left are faces that turn to or from the light
     assert (off_edges(scene, now, spin, t) <= 3 * BLUR_PX).mean() > 0.96
@@ -64,7 +64,7 @@ def test_events_lie_on_the_edges_of_the_true_motion(scene_and_events):
 
 def test_events_are_on_time(scene_and_events):
     scene, events = scene_and_events
-    t = int(events["t"][0]) + round(0.03 * NANOSECONDS)
+    t = int(events["t"][0]) + round(0.03 * NS_PER_S)
     now = around(events, t)
     offsets = np.arange(-8, 9)
     distance = [off_edges(scene, now, scene.spin, t + k * MILLISECOND).mean() for k in offsets]
@@ -78,23 +78,23 @@ def test_later_turns_repeat_the_first():
     equal = replace(OPTIONS.sensor, mismatch=0.0)
     scene = simulate(replace(OPTIONS, width=160, height=120, revolutions=3.0, sensor=equal))
     events = np.concatenate(list(scene.chunks()))
-    turn = (events["t"] - scene.spin.t0) * scene.spin.rate_hz / NANOSECONDS
+    turn = (events["t"] - scene.spin.t0) * scene.spin.rate_hz / NS_PER_S
     first, second, third = (np.sort(events[(turn >= k) & (turn < k + 1)], order=["t", "y", "x"]) for k in range(3))
     # only the first turn still knows the random state in which the pixels began
     assert len(first) == pytest.approx(len(second), rel=0.01)
     assert len(second) == len(third)
     for name in ("x", "y", "p"):
         np.testing.assert_array_equal(second[name], third[name])
-    assert np.abs(third["t"] - second["t"] - NANOSECONDS / scene.spin.rate_hz).max() <= 1000
+    assert np.abs(third["t"] - second["t"] - NS_PER_S / scene.spin.rate_hz).max() <= 1000
 
 
 def test_the_mesh_of_a_later_time_is_the_turned_one(scene_and_events):
     scene, _ = scene_and_events
-    t = scene.spin.t0 + round(0.3 * NANOSECONDS)
+    t = scene.spin.t0 + round(0.3 * NS_PER_S)
     moved = scene.spin.transform(scene.simulation.model.vertices, t)
     np.testing.assert_allclose(scene.model_at(t).vertices + scene.spin.center, moved, atol=1e-12)
     # seen from the time t on, that mesh moves as before
     later = Spin(scene.spin.axis, scene.spin.rate_hz, scene.spin.center, t)
-    end = t + round(0.2 * NANOSECONDS)
+    end = t + round(0.2 * NS_PER_S)
     expected = scene.spin.transform(scene.simulation.model.vertices, end)
     np.testing.assert_allclose(later.transform(scene.model_at(t).vertices, end), expected, atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from esfo_core.errors import OptionError, SimulationError
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.recordings import open_recording
 from esfo_core.tracks import Tracks
 from esfo_simulation.scene import VIEWS, MotionOptions, SceneOptions, simulate, view_axis
@@ -33,7 +33,7 @@ def test_events_follow_each_other_and_truth_starts_with_the_first(recorded):
     assert len(events) == truth.events > 20_000
     assert (np.diff(events["t"]) >= 0).all()
     assert events["t"][0] == truth.spin.t0
-    assert events["t"][-1] - events["t"][0] <= 1.2 / 2.0 * NANOSECONDS
+    assert events["t"][-1] - events["t"][0] <= 1.2 / 2.0 * NS_PER_S
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
@@ -64,7 +64,7 @@ def test_a_vertex_of_the_mesh_is_where_the_paper_sees_it(recorded):
     vertices = simulate(SMALL).model_at(truth.spin.t0).vertices
     orbit, spin = truth.spin.paper_orbit(), truth.spin
     for t in (spin.t0, spin.t0 + 123_456_789, spin.t0 + 480_000_000):
-        R, translation = orbit.world_to_camera((t - spin.t0) / NANOSECONDS)
+        R, translation = orbit.world_to_camera((t - spin.t0) / NS_PER_S)
         np.testing.assert_allclose(vertices @ R.T + translation, spin.transform(vertices, t), atol=1e-12)
 
 

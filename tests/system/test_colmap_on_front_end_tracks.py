@@ -1,8 +1,8 @@
 """COLMAP's start on the tracks that the front-end makes of simulated events."""
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
-from esfo_backend.initialise.colmap import colmap_start
-from esfo_backend.options import StartOptions
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
+from esfo_backend.initialise.colmap import run_colmap
+from esfo_backend.options import InitialisationOptions
 from esfo_backend.orbit.parametrization import Motion, observations
 from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks
@@ -15,7 +15,7 @@ def test_colmap_leads_to_the_truth():
     frontend = Frontend(scene.camera.width, scene.camera.height)
     outputs = [frontend.process(events) for events in scene.chunks()] + [frontend.flush()]
     tracks = Tracks.concatenate(output.tracks.observations for output in outputs)
-    start = colmap_start(tracks, scene.camera, StartOptions())
+    start = run_colmap(tracks, scene.camera, InitialisationOptions())
     # Its cameras drift, but they are an orbit, and near enough for the orbit model to find the way from there.
     assert start.registered > 0.4 * start.views
     assert start.rms_px < 1.5
@@ -23,5 +23,5 @@ def test_colmap_leads_to_the_truth():
     assert angle_between(start.orbit.motion.axis, scene.spin.axis) < 15
     obs, _ = observations(tracks, scene.camera, 4)
     motion = Motion(start.orbit.motion.Q, scene.spin.rate_hz)
-    refined = adjust(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
+    refined = bundle_adjustment(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
     assert angle_between(refined.motion.axis, scene.spin.axis) < 1.0

@@ -8,22 +8,22 @@ from dataclasses import replace
 from pathlib import Path
 
 from esfo_backend.errors import BackendError
-from esfo_backend.initialise.initialisation import Start
-from esfo_backend.online.incremental import Follower
-from esfo_backend.online.rate_lock import Basis
-from esfo_backend.online.stream_memory import LONGEST_GAP_NS, History
+from esfo_backend.initialise.initialisation import Initialisation
+from esfo_backend.online.incremental import IncrementalSolver
+from esfo_backend.online.rate_lock import RateLock
+from esfo_backend.online.stream_memory import LONGEST_GAP_NS, StreamMemory
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.selection import spread_tracks
 from esfo_backend.scale import check_scale, metric
 from esfo_backend.search import Solver
-from esfo_backend.state import Following, load_state, save_state
+from esfo_backend.state import IncrementalState, load_state, save_state
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.verdict.build_estimate import Optimum, appraise
+from esfo_backend.verdict.build_estimate import Optimum, build_estimate
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.options import check
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
 
 _SEARCH_TRACKS = 4
@@ -48,28 +48,28 @@ class Backend:
         check_scale(self.options.scale)
         self.camera = camera
         self._solver = Solver(camera, self.options)
-        self._follower = Follower(camera, self.options)
-        self._history = History(self.options.memory)
+        self._incremental = IncrementalSolver(camera, self.options)
+        self._memory = StreamMemory(self.options.memory)
         self._news: list[Tracks] = []  # since the last estimate, while there may be one that goes on
         self._goes_on = False
-        self._basis: Basis | None = None  # of estimates that go on
+        self._basis: RateLock | None = None  # of estimates that go on
         self._lock = threading.Lock()
         self._solved_until: int | None = None
 
     @property
-    def last_start(self) -> Start | None:
-        """Start of the last search."""
-        return self._solver.last_start
+    def last_initialisation(self) -> Initialisation | None:
+        """Initial values of the last search."""
+        return self._solver.last_initialisation
 
     @property
-    def last_start_note(self) -> str:
+    def last_initialisation_note(self) -> str:
         """What became of COLMAP in the last search."""
-        return "" if self.last_start is None else self.last_start.colmap_note
+        return "" if self.last_initialisation is None else self.last_initialisation.colmap_note
 
     def tracks(self) -> Tracks:
         """Return the track rows that are kept, sorted by track, then time."""
         with self._lock:
-            return self._history.tracks().sorted()
+            return self._memory.tracks().sorted()
 
     def with_options(self, options: BackendOptions) -> Backend:
         """Return a back-end with other options that goes on with what this one received, from a search.
@@ -78,8 +78,8 @@ class Backend:
         """
         other = Backend(self.camera, options)
         with self._lock:
-            self._history.limit(options.memory)
-            other._history = self._history
+            self._memory.limit(options.memory)
+            other._memory = self._memory
         return other
 
     def tell_stages(self, on_stage: Callable[[str], None]) -> None:
@@ -89,28 +89,28 @@ class Backend:
     def add(self, update: TrackUpdate, activity: Activity | None) -> None:
         """Take over what the front-end learnt."""
         with self._lock:
-            self._history.add(update, activity)
+            self._memory.add(update, activity)
             if self._goes_on:
                 self._news.append(update.observations)
 
     def counts(self) -> tuple[int, int]:
         """Numbers of track rows and of activity bins that are kept."""
         with self._lock:
-            return self._history.rows, self._history.bins
+            return self._memory.rows, self._memory.bins
 
     def due(self) -> bool:
         """True when enough sensor time has passed since the last estimate to make a new one."""
         live = self.options.live
         with self._lock:
-            begin, end = self._history.begin, self._history.end
-            if begin is None or end is None or not self._history.rows:
+            begin, end = self._memory.begin, self._memory.end
+            if begin is None or end is None or not self._memory.rows:
                 return False
-        if self._solver.rate_hz is not None and (end - begin) / NANOSECONDS * self._solver.rate_hz < live.min_turns:
+        if self._solver.rate_hz is not None and (end - begin) / NS_PER_S * self._solver.rate_hz < live.min_revolutions:
             return False
         since = begin if self._solved_until is None else self._solved_until
         if self._basis is not None:
-            return end - since >= live.interval_s * NANOSECONDS
-        return end - since >= max(live.search_s * NANOSECONDS, _SEARCH_SHARE * (end - begin))
+            return end - since >= live.interval_s * NS_PER_S
+        return end - since >= max(live.search_s * NS_PER_S, _SEARCH_SHARE * (end - begin))
 
     def update(self, update: TrackUpdate, activity: Activity | None) -> OrbitEstimate | None:
         """`add`, then a quick `solve` if an estimate is due."""
@@ -126,8 +126,8 @@ class Backend:
             following = None
             if self._basis is not None and self._solved_until is not None:
                 news = Tracks.concatenate(self._news)
-                following = Following(self._basis, self._follower, news, self._solved_until)
-            save_state(path, self.camera, self._history, following)
+                following = IncrementalState(self._basis, self._incremental, news, self._solved_until)
+            save_state(path, self.camera, self._memory, following)
 
     @staticmethod
     def load(path: Path, options: BackendOptions | None = None) -> Backend:
@@ -135,11 +135,11 @@ class Backend:
         options = options or BackendOptions()
         camera, history, following = load_state(path, options)
         backend = Backend(camera, options)
-        backend._history = history
+        backend._memory = history
         if following is not None:
-            backend._basis, backend._follower = following.basis, following.follower
+            backend._basis, backend._incremental = following.rate_lock, following.incremental
             backend._solved_until, backend._goes_on = following.solved_until, True
-            backend._solver.rate_hz = following.basis.rate.rate_hz
+            backend._solver.rate_hz = following.rate_lock.rate.rate_hz
         return backend
 
     def solve(self, thorough: bool = True) -> OrbitEstimate:
@@ -153,8 +153,8 @@ class Backend:
         if estimate is None:
             estimate = self._search(thorough)
         with self._lock:
-            self._history.rate_hz = estimate.spin.rate_hz if estimate.spin else self._solver.rate_hz
-            self._history.recurring = self._follower.recurring
+            self._memory.rate_hz = estimate.spin.rate_hz if estimate.spin else self._solver.rate_hz
+            self._memory.recurring = self._incremental.recurring
         try:
             return metric(estimate, self.options.scale)
         except BackendError as error:
@@ -162,7 +162,7 @@ class Backend:
 
     def _search(self, thorough: bool) -> OrbitEstimate:
         with self._lock:
-            seen = self._history.seen()
+            seen = self._memory.seen()
             self._news, self._goes_on = [], True
         if seen is None:
             return OrbitEstimate.failure("no events were received")
@@ -173,11 +173,11 @@ class Backend:
         if found is None or estimate.spin is None or _NOTHING_TO_FOLLOW & set(estimate.flags):
             self._stop_following()
         else:
-            certain = estimate.status == "ok" and found.start.certain
-            self._basis = Basis(found.rate, found.start, found.turns, certain)
-            self._follower.begin(tracks, found.structure.solution.motion, found.ids, found.structure.label)
+            certain = estimate.status == "ok" and found.initialisation.certain
+            self._basis = RateLock(found.rate, found.initialisation, found.turns, certain)
+            self._incremental.begin(tracks, found.landmarks.solution.motion, found.ids, found.landmarks.label)
         if estimate.spin is not None and seen.begin < estimate.t_first:
-            turns = estimate.spin.rate_hz * (estimate.t_last - seen.begin) / NANOSECONDS
+            turns = estimate.spin.rate_hz * (estimate.t_last - seen.begin) / NS_PER_S
             estimate = replace(estimate, t_first=seen.begin, revolutions=turns)
         return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if seen.after_gap else estimate
 
@@ -187,23 +187,23 @@ class Backend:
 
     def _follow(self) -> OrbitEstimate | None:
         """Go on from the last estimate; None where a search has to be made."""
-        basis = self._basis
+        rate_lock = self._basis
         with self._lock:
-            begin, end, after_gap = self._history.begin, self._history.end, self._history.after_gap
+            begin, end, after_gap = self._memory.begin, self._memory.end, self._memory.after_gap
             news, self._news = Tracks.concatenate(self._news), []
-        if basis is None or self._solved_until is None or begin is None or end is None:
+        if rate_lock is None or self._solved_until is None or begin is None or end is None:
             return None
-        turns = basis.rate.rate_hz * (end - begin) / NANOSECONDS
-        if end - self._solved_until > LONGEST_GAP_NS or basis.doubtful(turns):
+        turns = rate_lock.rate.rate_hz * (end - begin) / NS_PER_S
+        if end - self._solved_until > LONGEST_GAP_NS or rate_lock.doubtful(turns):
             return None
         watch = Stopwatch(self._solver.on_stage)
         try:
-            if basis.unconfirmed(turns):
-                basis = self._basis = self._confirmed(basis, turns, watch)
+            if rate_lock.unconfirmed(turns):
+                rate_lock = self._basis = self._confirmed(rate_lock, turns, watch)
             with watch.stage("graph"):
-                structure, result = self._follower.update(news)
-            optimum = Optimum(structure, result, basis.rate, basis.start, (begin, end))
-            estimate = appraise(optimum, self.options, watch.seconds)
+                landmarks, result = self._incremental.update(news)
+            optimum = Optimum(landmarks, result, rate_lock.rate, rate_lock.initialisation, (begin, end))
+            estimate = build_estimate(optimum, self.options, watch.seconds)
         except BackendError:
             return None
         self._solved_until = end
@@ -211,10 +211,10 @@ class Backend:
             return None
         return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if after_gap else estimate
 
-    def _confirmed(self, basis: Basis, turns: float, watch: Stopwatch) -> Basis:
+    def _confirmed(self, rate_lock: RateLock, turns: float, watch: Stopwatch) -> RateLock:
         with self._lock:
-            seen = self._history.seen()
+            seen = self._memory.seen()
         if seen is None:
             raise BackendError("no events were received")
         with watch.stage("spin_rate"):
-            return basis.confirmed(seen.activity, turns, self.options.rate)
+            return rate_lock.confirmed(seen.activity, turns, self.options.rate)

@@ -22,7 +22,7 @@ class SpinRateOptions:
 
 
 @dataclass(frozen=True)
-class StartOptions:
+class InitialisationOptions:
     """How the factor graph gets its first values."""
 
     method: str = option(
@@ -33,7 +33,7 @@ class StartOptions:
     axes: int = option(24, "axes over the sphere from which the direct start searches", 4, 500)
     search_tracks: int = option(400, "tracks, the longest of all times, with which it searches", 10)
     cauchy_px: float = option(2.0, "scale of the robust loss in px during the start", 0.1, 100.0)
-    min_rows: int = option(4, "rows that a track needs to take part", 2)
+    min_observations: int = option(4, "rows that a track needs to take part", 2)
     colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
     colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
     colmap_max_tracks: int = option(100, "tracks per camera, the longest, that COLMAP gets", 10)
@@ -71,15 +71,19 @@ class VerdictOptions:
     """When a result is trusted."""
 
     min_points: int = option(10, "points without which there is no estimate", 5)
-    min_recurring: int = option(5, "points that must have been seen again after half a turn or more", 0)
+    min_reobserved: int = option(5, "points that must have been seen again after half a turn or more", 0)
     min_inliers: float = option(0.3, "share of tracks that must follow the motion", 0.0, 1.0)
     max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
-    drift_z: float = option(4.0, "significance in std at which a slope of the rate counts as one", 0.0)
-    max_drift: float = option(0.005, "change of the rate over the recording, relative, that is called constant", 0.0)
-    constancy_z: float = option(4.0, "significance in std at which a wandering axis or centre counts as one", 0.0)
-    max_wander_deg: float = option(0.1, "wandering of the axis between thirds of a turn called none, degrees", 0.0)
-    max_missed_px: float = option(0.25, "shift or growth of the image from one turn to the next called none, px", 0.0)
-    min_turns: float = option(1.0, "turns below which nothing confirms the rate", 0.0)
+    rate_slope_z: float = option(4.0, "significance in std at which a slope of the rate counts as one", 0.0)
+    max_rate_change: float = option(
+        0.005, "change of the rate over the recording, relative, that is called constant", 0.0
+    )
+    rigidity_z: float = option(4.0, "significance in std at which a wandering axis or centre counts as one", 0.0)
+    max_axis_wander_deg: float = option(0.1, "wandering of the axis between thirds of a turn called none, degrees", 0.0)
+    max_closure_error_px: float = option(
+        0.25, "shift or growth of the image from one turn to the next called none, px", 0.0
+    )
+    min_revolutions: float = option(1.0, "turns below which nothing confirms the rate", 0.0)
     mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)
 
 
@@ -87,7 +91,7 @@ class VerdictOptions:
 class LiveOptions:
     """When a live estimate is made anew, and from how much."""
 
-    min_turns: float = option(1.08, "turns that must have been seen before the first estimate", 0.1)
+    min_revolutions: float = option(1.08, "turns that must have been seen before the first estimate", 0.1)
     interval_s: float = option(0.1, "sensor time in s between two estimates", 0.01)
     search_s: float = option(0.5, "sensor time in s between two searches while there is no estimate", 0.05)
     max_tracks: int = option(500, "tracks that a live estimate is made from", 20)
@@ -99,7 +103,9 @@ class MemoryOptions:
 
     max_bins: int = option(24_000, "bins of activity; beyond, the latest or coarser ones", 1000)
     turns: float = option(16.0, "turns that the latest bins must hold for earlier ones to be forgotten", 2.0)
-    max_rows: int = option(1_000_000, "rows of tracks; beyond, the longest tracks of every part of the time", 1000)
+    max_observations: int = option(
+        1_000_000, "rows of tracks; beyond, the longest tracks of every part of the time", 1000
+    )
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,7 @@ class BackendOptions:
     """All options of the back-end."""
 
     rate: SpinRateOptions = field(default_factory=SpinRateOptions)
-    start: StartOptions = field(default_factory=StartOptions)
+    initialisation: InitialisationOptions = field(default_factory=InitialisationOptions)
     reidentification: ReidentificationOptions = field(default_factory=ReidentificationOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)
     verdict: VerdictOptions = field(default_factory=VerdictOptions)
@@ -129,7 +135,7 @@ PRESETS: dict[str, BackendOptions] = {
     "default": BackendOptions(),
     "paper": BackendOptions(
         rate=SpinRateOptions(method="fourier"),
-        start=StartOptions(method="colmap", colmap_max_tracks=10**9, colmap_max_views=10**9),
+        initialisation=InitialisationOptions(method="colmap", colmap_max_tracks=10**9, colmap_max_views=10**9),
         reidentification=ReidentificationOptions(enabled=False),
         graph=GraphOptions(cauchy_px=0.0),
     ),

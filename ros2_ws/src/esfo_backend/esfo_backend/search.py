@@ -9,22 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_backend.adjustment.factor_graph import GraphResult, optimise_graph
+from esfo_backend.adjustment.factor_graph import GraphOptimum, optimise_graph
 from esfo_backend.errors import BackendError
-from esfo_backend.initialise.initialisation import Start, choose_start
-from esfo_backend.landmarks.landmarks import Structure, build_structure, drop_far, prune
+from esfo_backend.initialise.initialisation import Initialisation, initialise
+from esfo_backend.landmarks.landmarks import Landmarks, build_landmarks, drop_far, prune
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.parametrization import observations
-from esfo_backend.spin_rate.aperiodic import why_no_period
+from esfo_backend.spin_rate.aperiodic import explain_aperiodic
 from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
-from esfo_backend.spin_rate.rate_ramp import ChangingRate, bent, changing_rate
+from esfo_backend.spin_rate.rate_ramp import RateRamp, find_rate_ramp, warp_times
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.verdict.build_estimate import Optimum, appraise, most_recur, recurring
+from esfo_backend.verdict.build_estimate import Optimum, build_estimate, most_reobserved, recurring
 from esfo_backend.verdict.verdict import unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks
 
 _MOST_GRAPHS = 3
@@ -35,8 +35,8 @@ class Found:
     """What a search found and a live estimate goes on from; turns: how many were seen then."""
 
     rate: SpinRate
-    start: Start
-    structure: Structure
+    initialisation: Initialisation
+    landmarks: Landmarks
     ids: NDArray[np.uint32]
     turns: float
 
@@ -44,17 +44,17 @@ class Found:
 class Solver:
     """Makes estimates. on_stage: told the name of each of STAGES as it begins.
 
-    last_start: of the last search. found: what it found, None where there is nothing that could go on. rate_hz: of the
-    event stream, None before the first search.
+    last_initialisation: of the last search. found: what it found, None where there is nothing that could go on.
+    rate_hz: of the event stream, None before the first search.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions) -> None:
         self.camera, self.options = camera, options
         self.on_stage: Callable[[str], None] = lambda name: None
-        self.last_start: Start | None = None
+        self.last_initialisation: Initialisation | None = None
         self.found: Found | None = None
         self.rate_hz: float | None = None
-        self._bent_s = 0.0  # length of the stream when a quick search last looked for a rate that changes
+        self._ramp_searched_s = 0.0  # length of the stream when a quick search last looked for a rate that changes
 
     def search(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
         """Estimate from nothing but the data; a failure says why there is none. thorough: as in `Backend.solve`."""
@@ -84,7 +84,7 @@ class Solver:
             with watch.stage("spin_rate"):
                 rate = correlation_rate(activity, self.options.rate)
         except BackendError as error:
-            return self._solve_changing(tracks, activity, watch, thorough, error)
+            return self._solve_ramp(tracks, activity, watch, thorough, error)
         try:
             first = self._solve_at(rate, None, tracks, activity, watch, thorough)
         except BackendError as error:
@@ -115,50 +115,52 @@ class Solver:
             with suppress(BackendError):
                 found = self._solve_at(slower, None, tracks, activity, watch, False)
                 confirmed = (
-                    found.status == "ok" and self.found is not None and most_recur(self.found.structure, self.options)
+                    found.status == "ok"
+                    and self.found is not None
+                    and most_reobserved(self.found.landmarks, self.options)
                 )
                 if confirmed and (best is None or found.observations > best[0].observations):
-                    best = found, self.found, self.last_start, slower.rate_hz
+                    best = found, self.found, self.last_initialisation, slower.rate_hz
         if best is not None:
-            found, self.found, self.last_start, self.rate_hz = best
+            found, self.found, self.last_initialisation, self.rate_hz = best
             return found
         try:
-            found = self._solve_changing(tracks, activity, watch, thorough, None)
+            found = self._solve_ramp(tracks, activity, watch, thorough, None)
         except BackendError as error:
             changes = "rate_not_constant" in error.flags and not {"too_few_turns", "not_a_rotation"} & set(error.flags)
             return error if changes else None
         return None if found.status == "failed" or "not_a_rotation" in found.flags else found
 
-    def _solve_changing(
+    def _solve_ramp(
         self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool, error: BackendError | None
     ) -> OrbitEstimate:
         """Solve for a rate that changes evenly. error: why there is no constant one; raised anew with its cause."""
         try:
             with watch.stage("spin_rate"):
-                changing = self._changing_rate(activity, thorough)
+                ramp = self._find_rate_ramp(activity, thorough)
         except BackendError:
             if error is None:
                 raise
-            raise self._no_period(str(error), tracks, activity) from error
-        if error is None and abs(changing.slope) < self.options.verdict.drift_z * changing.slope_std:
-            raise BackendError(f"the rate is constant: {changing.slope:+.5f} +- {changing.slope_std:.5f} Hz per second")
+            raise self._aperiodic(str(error), tracks, activity) from error
+        if error is None and abs(ramp.slope) < self.options.verdict.rate_slope_z * ramp.slope_std:
+            raise BackendError(f"the rate is constant: {ramp.slope:+.5f} +- {ramp.slope_std:.5f} Hz per second")
         try:
-            return self._solve_at(changing.rate, changing, tracks, activity, watch, False)
+            return self._solve_at(ramp.rate, ramp, tracks, activity, watch, False)
         except BackendError as later:
-            raise BackendError(f"{changing}; {later}", "rate_not_constant", *later.flags) from later
+            raise BackendError(f"{ramp}; {later}", "rate_not_constant", *later.flags) from later
 
-    def _changing_rate(self, activity: Activity, thorough: bool) -> ChangingRate:
+    def _find_rate_ramp(self, activity: Activity, thorough: bool) -> RateRamp:
         """Look for a rate that changes. It takes long: a quick search does so when the stream has doubled in length."""
-        seconds = (activity.end - activity.t0) / NANOSECONDS
-        if not thorough and self._bent_s <= seconds < 2 * self._bent_s:
+        seconds = (activity.end - activity.t0) / NS_PER_S
+        if not thorough and self._ramp_searched_s <= seconds < 2 * self._ramp_searched_s:
             raise BackendError("no rate that changes was looked for")
-        self._bent_s = seconds
-        return changing_rate(activity, self.options.rate)
+        self._ramp_searched_s = seconds
+        return find_rate_ramp(activity, self.options.rate)
 
     def _solve_at(
         self,
         rate: SpinRate,
-        changing: ChangingRate | None,
+        ramp: RateRamp | None,
         tracks: Tracks,
         activity: Activity,
         watch: Stopwatch,
@@ -167,52 +169,54 @@ class Solver:
         """Paper, section 5: start and factor graph; between them the re-identification of docs/method.md."""
         options = self.options
         self.rate_hz = rate.rate_hz
-        span = changing.span if changing else (activity.t0, activity.end)
-        turns = rate.rate_hz * (span[1] - span[0]) / NANOSECONDS
-        if turns < options.live.min_turns:
-            raise BackendError(f"{turns:.2f} turns were seen; {options.live.min_turns} are needed", "too_few_turns")
-        obs, ids = observations(tracks, self.camera, options.start.min_rows)
-        if changing:
-            obs = bent(obs, changing)
-        with watch.stage("start"):
-            start = choose_start(tracks, obs, self.camera, rate.rate_hz, options, thorough)
-        self.last_start = start
+        span = ramp.span if ramp else (activity.t0, activity.end)
+        turns = rate.rate_hz * (span[1] - span[0]) / NS_PER_S
+        if turns < options.live.min_revolutions:
+            raise BackendError(
+                f"{turns:.2f} turns were seen; {options.live.min_revolutions} are needed", "too_few_turns"
+            )
+        obs, ids = observations(tracks, self.camera, options.initialisation.min_observations)
+        if ramp:
+            obs = warp_times(obs, ramp)
+        with watch.stage("initialisation"):
+            initialisation = initialise(tracks, obs, self.camera, rate.rate_hz, options, thorough)
+        self.last_initialisation = initialisation
         with watch.stage("reidentification"):
-            structure = build_structure(start, obs, options)
+            landmarks = build_landmarks(initialisation.solution, obs, options)
         with watch.stage("graph"):
-            structure, result = self._optimise(prune(structure, options))
-        if changing is None and options.rate.method == "correlation":
-            of_tracks = result.adjusted.motion.rate_hz
+            landmarks, result = self._optimise(prune(landmarks, options))
+        if ramp is None and options.rate.method == "correlation":
+            of_tracks = result.solution.motion.rate_hz
             if not rate.agrees_with(of_tracks):
                 disagree = (
                     f"the tracks turn at {of_tracks:.4f} Hz, but the event stream repeats at {rate.rate_hz:.4f} Hz"
                 )
-                raise self._no_period(disagree, tracks, activity)
-        self.found = None if changing else Found(rate, start, structure, ids, turns)
-        optimum = Optimum(structure, result, rate, start, span, changing)
-        estimate = appraise(optimum, options, watch.seconds)
+                raise self._aperiodic(disagree, tracks, activity)
+        self.found = None if ramp else Found(rate, initialisation, landmarks, ids, turns)
+        optimum = Optimum(landmarks, result, rate, initialisation, span, ramp)
+        estimate = build_estimate(optimum, options, watch.seconds)
         unnamed = estimate.status == "failed" and not estimate.flags
-        if unnamed and unconfirmed(recurring(structure, options), options.verdict):
-            raise self._no_period(estimate.reason, tracks, activity)
+        if unnamed and unconfirmed(recurring(landmarks, options), options.verdict):
+            raise self._aperiodic(estimate.reason, tracks, activity)
         return estimate
 
-    def _optimise(self, structure: Structure) -> tuple[Structure, GraphResult]:
+    def _optimise(self, landmarks: Landmarks) -> tuple[Landmarks, GraphOptimum]:
         """Optimise the graph; points that run away tell nothing of the motion, but may make it indeterminate."""
         graph = self.options.graph
         for _ in range(_MOST_GRAPHS):
-            result = optimise_graph(structure.solution, structure.obs, graph.cauchy_px, graph.iterations)
-            optimum = replace(structure, solution=result.adjusted)
-            structure = drop_far(optimum)
-            if structure.obs.points < self.options.verdict.min_points:
+            result = optimise_graph(landmarks.solution, landmarks.obs, graph.cauchy_px, graph.iterations)
+            optimum = replace(landmarks, solution=result.solution)
+            landmarks = drop_far(optimum)
+            if landmarks.obs.points < self.options.verdict.min_points:
                 return optimum, result
-            if structure is optimum or np.isfinite(result.marginal).all():
+            if landmarks is optimum or np.isfinite(result.marginal).all():
                 break
-        return structure, result
+        return landmarks, result
 
-    def _no_period(self, found: str, tracks: Tracks, activity: Activity) -> BackendError:
+    def _aperiodic(self, found: str, tracks: Tracks, activity: Activity) -> BackendError:
         """Error of a stream without a period, or with one that no track confirms; its cause by how they move."""
-        duration_s = (activity.end - activity.t0) / NANOSECONDS
-        why = why_no_period(tracks, duration_s, self.options.verdict.min_points, self.camera.focal_px)
+        duration_s = (activity.end - activity.t0) / NS_PER_S
+        why = explain_aperiodic(tracks, duration_s, self.options.verdict.min_points, self.camera.focal_px)
         return BackendError(f"{found}; {why.reason}", why.flag)
 
 

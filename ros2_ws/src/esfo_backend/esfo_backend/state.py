@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from esfo_backend.errors import StateError
-from esfo_backend.online.incremental import Follower
-from esfo_backend.online.rate_lock import Basis
-from esfo_backend.online.stream_memory import History
+from esfo_backend.online.incremental import IncrementalSolver
+from esfo_backend.online.rate_lock import RateLock
+from esfo_backend.online.stream_memory import StreamMemory
 from esfo_backend.options import BackendOptions, MemoryOptions
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
@@ -28,19 +28,19 @@ Arrays = dict[str, NDArray[np.generic]]
 
 
 @dataclass(frozen=True)
-class Following:
-    """What live estimates go on from: the follower with rows that wait for it, ns of the last estimate."""
+class IncrementalState:
+    """What live estimates go on from: the incremental with rows that wait for it, ns of the last estimate."""
 
-    basis: Basis
-    follower: Follower
+    rate_lock: RateLock
+    incremental: IncrementalSolver
     news: Tracks
     solved_until: int
 
 
-def save_state(path: Path, camera: Camera, history: History, following: Following | None) -> None:
+def save_state(path: Path, camera: Camera, history: StreamMemory, following: IncrementalState | None) -> None:
     """Write camera, history and what is followed, if anything is.
 
-    Raises StateError when the file cannot be written, ActivityError as `History.seen`.
+    Raises StateError when the file cannot be written, ActivityError as `StreamMemory.seen`.
     """
     tracks = history.tracks()
     arrays: dict[str, ArrayLike] = {
@@ -69,7 +69,7 @@ def save_state(path: Path, camera: Camera, history: History, following: Followin
         raise StateError(f"{path}: {error.strerror}") from error
 
 
-def load_state(path: Path, options: BackendOptions) -> tuple[Camera, History, Following | None]:
+def load_state(path: Path, options: BackendOptions) -> tuple[Camera, StreamMemory, IncrementalState | None]:
     """Read what `save_state` wrote. Raises StateError for a file that is missing, damaged or of another version."""
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -83,7 +83,7 @@ def load_state(path: Path, options: BackendOptions) -> tuple[Camera, History, Fo
         raise StateError(f"{path}: state of version {version}, this is version {VERSION}")
     try:
         camera = _camera(arrays)
-        return camera, _history(arrays, options.memory), _following(arrays, camera, options)
+        return camera, _memory(arrays, options.memory), _following(arrays, camera, options)
     except (KeyError, ValueError, IndexError, TypeError, EsfoError) as error:
         raise StateError(f"{path}: damaged state ({error})") from error
 
@@ -94,8 +94,8 @@ def _camera(arrays: Arrays) -> Camera:
     return Camera(width, height, K, str(arrays["distortion_model"]), D)
 
 
-def _history(arrays: Arrays, options: MemoryOptions) -> History:
-    history = History(options)
+def _memory(arrays: Arrays, options: MemoryOptions) -> StreamMemory:
+    history = StreamMemory(options)
     begin = int(arrays["begin"][0]) if len(arrays["begin"]) else None
     history.restore(begin, bool(arrays["after_gap"]), _activity("coarse", arrays), int(arrays["factor"]))
     rate_hz = float(arrays["rate_hz"])
@@ -106,19 +106,19 @@ def _history(arrays: Arrays, options: MemoryOptions) -> History:
     return history
 
 
-def _of_following(following: Following | None) -> dict[str, ArrayLike]:
+def _of_following(following: IncrementalState | None) -> dict[str, ArrayLike]:
     if following is None:
         return {}
-    followed = following.follower.arrays(following.news)
-    return {**following.basis.arrays(), **followed, "solved_until": following.solved_until}
+    followed = following.incremental.arrays(following.news)
+    return {**following.rate_lock.arrays(), **followed, "solved_until": following.solved_until}
 
 
-def _following(arrays: Arrays, camera: Camera, options: BackendOptions) -> Following | None:
+def _following(arrays: Arrays, camera: Camera, options: BackendOptions) -> IncrementalState | None:
     if "solved_until" not in arrays:
         return None
-    follower = Follower(camera, options)
-    follower.restore(arrays)
-    return Following(Basis.from_arrays(arrays), follower, Tracks.empty(), int(arrays["solved_until"]))
+    incremental = IncrementalSolver(camera, options)
+    incremental.restore(arrays)
+    return IncrementalState(RateLock.from_arrays(arrays), incremental, Tracks.empty(), int(arrays["solved_until"]))
 
 
 def _of_activity(name: str, activity: Activity | None) -> dict[str, ArrayLike]:

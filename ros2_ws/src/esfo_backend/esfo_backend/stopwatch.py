@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-STAGES = ("spin_rate", "start", "reidentification", "graph")
+STAGES = ("spin_rate", "initialisation", "reidentification", "graph")
 """Names of the stages of an estimate, in their order."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from esfo_backend.backend import Backend
-from esfo_backend.options import BackendOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.events import make_events
@@ -22,7 +22,7 @@ _BIN_NS, _CELL = 5_000_000, 32
 def warm_up() -> None:
     """Search a small scene, and follow it once, so that compiling costs no live estimate."""
     tracks, activity = _scene()
-    backend = Backend(_CAMERA, BackendOptions(start=StartOptions(axes=4)))
+    backend = Backend(_CAMERA, BackendOptions(initialisation=InitialisationOptions(axes=4)))
     backend.add(TrackUpdate(tracks, np.empty(0, np.uint32)), activity)
     for _ in range(2):
         backend.solve(thorough=False)
@@ -32,7 +32,7 @@ def _scene() -> tuple[Tracks, Activity]:
     """Points of a spinning ball: their tracks where they face the camera, and an event for each of their rows."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(_POINTS, 3))
-    points = 1.4 * normals / np.linalg.norm(normals, axis=1)[:, None]
+    points = normals / np.linalg.norm(normals, axis=1)[:, None]
     times = np.arange(_STEPS, dtype=np.int64) * _STEP_NS
     X = np.array([_SPIN.transform(points, int(t)) for t in times])
     seen = np.einsum("tpi,tpi->tp", X - _SPIN.center, X) < 0

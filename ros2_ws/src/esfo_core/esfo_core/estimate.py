@@ -42,7 +42,7 @@ class OrbitEstimate:
     rate_slope_hz_s, rate_slope_std_hz_s: change of the rate with its standard deviation, Hz per second.
     axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
     points: (P, 3) in the object's coordinates at spin.t0 (camera-aligned, origin at spin.center).
-    point_rms_px, point_rows: (P,) reprojection error and number of observations of each point.
+    point_rms_px, point_observations: (P,) reprojection error and number of observations of each point.
     tracks, observations: how many of each support the points. revolutions: turns seen.
     t_first, t_last: ns, span of the data.
     """
@@ -55,7 +55,7 @@ class OrbitEstimate:
     axis_cov: NDArray[np.float64]
     points: NDArray[np.float64]
     point_rms_px: NDArray[np.float64]
-    point_rows: NDArray[np.int64]
+    point_observations: NDArray[np.int64]
     tracks: int
     observations: int
     revolutions: float
@@ -91,7 +91,7 @@ class OrbitEstimate:
             "axis_cov": np.full((2, 2), np.nan),
             "points": np.empty((0, 3)),
             "point_rms_px": np.empty(0),
-            "point_rows": np.empty(0, np.int64),
+            "point_observations": np.empty(0, np.int64),
             "tracks": 0,
             "observations": 0,
             "revolutions": 0.0,

@@ -19,7 +19,7 @@ from esfo_core.errors import EsfoError
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-NANOSECONDS = 1e9
+NS_PER_S = 1e9
 
 
 class OrbitError(EsfoError):
@@ -87,7 +87,7 @@ class Spin:
 
     def angle(self, t: NDArray[np.int64]) -> Vector:
         """Angle turned since t0 in radians at the times `t` (N,) in ns."""
-        return np.asarray(2 * np.pi * self.rate_hz * ((t - self.t0) / NANOSECONDS))
+        return np.asarray(2 * np.pi * self.rate_hz * ((t - self.t0) / NS_PER_S))
 
     def transform(self, X: Matrix, t: int) -> Matrix:
         """Move (P, 3) object points to the camera frame at time `t` in ns."""

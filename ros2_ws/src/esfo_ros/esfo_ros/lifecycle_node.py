@@ -26,7 +26,7 @@ from esfo_core.errors import EsfoError, OptionError
 from esfo_core.options import OptionField
 from esfo_ros.diagnostics import diagnostic_message
 from esfo_ros.parameters import declare, declare_fields, declare_options, with_values
-from esfo_ros.raw_subscription import Intake
+from esfo_ros.raw_subscription import RawSubscription
 from esfo_ros.reminder import Reminder
 from esfo_ros.services import Service, trigger
 from esfo_ros.topics import Topic, mismatch
@@ -139,7 +139,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
         The callback gets serialised messages. Parameters cannot override the quality of service.
         """
         self._unsubscribe(topic.name)
-        self._inputs[topic.name] = (Intake(self, topic, callback, self._fail), topic.qos)
+        self._inputs[topic.name] = (RawSubscription(self, topic, callback, self._fail), topic.qos)
 
     def subscribe_latched_or_not(self, topic: Topic, callback: Callable[[Any], None]) -> None:
         """Subscribe to a latched topic so that publishers which do not latch are heard too, from now on.
@@ -182,7 +182,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
     def close(self) -> None:
         """End the work that is under way; the process is about to end."""
         for subscription, _ in self._inputs.values():
-            if isinstance(subscription, Intake):
+            if isinstance(subscription, RawSubscription):
                 subscription.close()
         if self.worker is not None:
             self.worker.stop(timeout=10.0)
@@ -274,7 +274,7 @@ class ManagedNode(LifecycleNode, Generic[Options, Live]):  # type: ignore[misc]
 
     def _unsubscribe(self, name: str) -> None:
         subscription, _ = self._inputs.pop(name, (None, None))
-        if isinstance(subscription, Intake):
+        if isinstance(subscription, RawSubscription):
             subscription.close()
         elif subscription is not None:
             self.destroy_subscription(subscription)

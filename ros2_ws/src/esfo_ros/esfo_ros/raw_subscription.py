@@ -33,7 +33,7 @@ class NoExecutor(CallbackGroup):  # type: ignore[misc]
         """Do nothing."""
 
 
-class Intake:
+class RawSubscription:
     """A raw subscription whose messages a thread of its own takes. topic_name: the full name of its topic.
 
     The waiting is that of `rclpy.wait_for_message`, without a limit.

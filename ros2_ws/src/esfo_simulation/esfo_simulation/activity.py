@@ -6,7 +6,7 @@ import numpy as np
 
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
-from esfo_core.orbit import NANOSECONDS, Matrix, Spin
+from esfo_core.orbit import NS_PER_S, Matrix, Spin
 
 _STEPS = 4
 """Positions per bin: a fast point crosses several cells in one bin."""
@@ -27,9 +27,9 @@ def synthetic_activity(
     polarity = rng.integers(0, 2, len(points))
     expected = np.full((bins, 2, rows, columns), 0.05)
     step_s = bin_s / _STEPS
-    before = camera.project(spin.transform(points, spin.t0 - round(0.5 * step_s * NANOSECONDS)))
+    before = camera.project(spin.transform(points, spin.t0 - round(0.5 * step_s * NS_PER_S)))
     for k in range(bins * _STEPS):
-        X = spin.transform(points, spin.t0 + round((k + 0.5) * step_s * NANOSECONDS))
+        X = spin.transform(points, spin.t0 + round((k + 0.5) * step_s * NS_PER_S))
         uv = camera.project(X)
         facing = np.einsum("ij,ij->i", X - spin.center, X) < 0
         inside = facing & ((uv >= 0) & (uv < [camera.width, camera.height])).all(axis=1)
@@ -38,4 +38,4 @@ def synthetic_activity(
         y, x = (uv[inside] // cell).astype(int).T[::-1]
         np.add.at(expected[k // _STEPS], (polarity[inside], y, x), _EVENTS_PER_PX * travelled[inside])
     counts = np.minimum(rng.poisson(expected), np.iinfo(np.uint16).max).astype(np.uint16)
-    return Activity(spin.t0, round(bin_s * NANOSECONDS), cell, counts)
+    return Activity(spin.t0, round(bin_s * NS_PER_S), cell, counts)

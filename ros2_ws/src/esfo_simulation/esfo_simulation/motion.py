@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.errors import SimulationError
-from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector, object_frame, rotation
+from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector, object_frame, rotation
 
 
 class Motion(Protocol):
@@ -54,12 +54,12 @@ class BodyMotion:
 
     def turns(self, t: NDArray[np.float64]) -> Vector:
         """Turns since t0 at the times `t` (N,) in ns."""
-        s = (t - self.spin.t0) / NANOSECONDS
+        s = (t - self.spin.t0) / NS_PER_S
         return np.asarray(s * (self.spin.rate_hz + 0.5 * self.slope_hz_s * s))
 
     def rate_hz(self, t: NDArray[np.float64]) -> Vector:
         """Rate in Hz at the times `t` (N,) in ns."""
-        return np.asarray(self.spin.rate_hz + self.slope_hz_s * (t - self.spin.t0) / NANOSECONDS)
+        return np.asarray(self.spin.rate_hz + self.slope_hz_s * (t - self.spin.t0) / NS_PER_S)
 
     def time_of(self, turns: NDArray[np.float64]) -> Vector:
         """Return the times (N,) in ns at which so many turns (N,) are done.
@@ -72,7 +72,7 @@ class BodyMotion:
             most = rate * rate / (-2 * self.slope_hz_s)
             raise SimulationError(f"a rate that falls by {-self.slope_hz_s} Hz/s ends after {most:.3f} turns")
         # The root of the smaller magnitude, in the form that does not cancel as the slope goes to 0.
-        return np.asarray(self.spin.t0 + NANOSECONDS * 2 * turns / (rate + np.sqrt(under_root)))
+        return np.asarray(self.spin.t0 + NS_PER_S * 2 * turns / (rate + np.sqrt(under_root)))
 
     def pose(self, t: float) -> tuple[Matrix, Vector]:
         """As `Motion.pose`."""
@@ -82,4 +82,4 @@ class BodyMotion:
             tilt = rotation(object_frame(self.spin.axis)[:, 0], self.nutation_rad)
             own = (1 / self.inertia_ratio - 1) * np.cos(self.nutation_rad) * angle
             R = R @ tilt @ rotation(self.spin.axis, own)
-        return R, self.spin.center + self.velocity * ((t - self.spin.t0) / NANOSECONDS)
+        return R, self.spin.center + self.velocity * ((t - self.spin.t0) / NS_PER_S)

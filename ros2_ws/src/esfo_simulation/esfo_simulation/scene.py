@@ -12,7 +12,7 @@ from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
 from esfo_core.options import check, option
-from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector, object_frame, rotation
+from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector, object_frame, rotation
 from esfo_simulation.motion import BodyMotion
 from esfo_simulation.objects.catalogue import OBJECTS
 from esfo_simulation.objects.mesh import read_mesh
@@ -202,17 +202,17 @@ def _schedule(options: SceneOptions, motion: BodyMotion, model: Model, camera: C
     if not rate and not options.duration_s:
         raise SimulationError("an object that does not spin needs duration_s")
     if options.duration_s:
-        turns = float(motion.turns(np.array(START_NS + options.duration_s * NANOSECONDS)))
+        turns = float(motion.turns(np.array(START_NS + options.duration_s * NS_PER_S)))
     else:
         turns = options.revolutions
     if not motion.repeats:
-        end = START_NS + (options.duration_s or turns / rate) * NANOSECONDS
+        end = START_NS + (options.duration_s or turns / rate) * NS_PER_S
         samples = 2 + int(_POSES_PER_TURN * max(turns, 1.0))
         times, bounds = frame_times(motion, model.vertices, camera, (START_NS, end), samples)
         return times, len(times), bounds
     # The poses of a turn do not depend on how the rate changes: they are those of a constant one.
     steady = BodyMotion(motion.spin)
-    span = (START_NS, START_NS + NANOSECONDS / rate)
+    span = (START_NS, START_NS + NS_PER_S / rate)
     times, bounds = frame_times(steady, model.vertices, camera, span, _POSES_PER_TURN + 1)
     turn = len(times) - 1
     whole, part = np.divmod(np.arange(int(np.ceil(turns)) * turn + 1), turn)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
-from esfo_core.orbit import NANOSECONDS, Matrix
+from esfo_core.orbit import NS_PER_S, Matrix
 from esfo_simulation.motion import Motion
 from esfo_simulation.render.renderer import Light, Renderer, Window
 from esfo_simulation.render.surface import Model
@@ -75,7 +75,7 @@ class Simulation:
                 events = sensor.flush()
             count += len(events)
             if count > self.max_events:
-                seconds = (self.times[min(k + 1, steps)] - self.times[0]) / NANOSECONDS
+                seconds = (self.times[min(k + 1, steps)] - self.times[0]) / NS_PER_S
                 raise SimulationError(f"more than {self.max_events} events after {seconds:.3f} s of the scene")
             if progress is not None:
                 progress((k + 1) / (steps + 1))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.options import option
-from esfo_core.orbit import NANOSECONDS, Spin
+from esfo_core.orbit import NS_PER_S, Spin
 from esfo_core.tracks import Tracks
 
 
@@ -56,7 +56,7 @@ def synthetic_tracks(spin: Spin, camera: Camera, options: SyntheticTrackOptions)
     normals = rng.normal(size=(options.points, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     points = normals * options.object_radius * np.linalg.norm(spin.center)
-    times = spin.t0 + np.arange(0, options.duration_s * NANOSECONDS, options.window_s * NANOSECONDS).astype(np.int64)
+    times = spin.t0 + np.arange(0, options.duration_s * NS_PER_S, options.window_s * NS_PER_S).astype(np.int64)
     rows = max(2, round(options.track_s / options.window_s))
     phase = rng.integers(0, rows, options.points)
     uv, seen = _observe(spin, camera, points, normals, times)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.parametrization import Motion, Observations, Rows
+from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations
 from esfo_backend.orbit.projection import BEHIND_CAMERA_COST, cauchy_weight, linearize_row, triangulate
 from esfo_core.orbit import Matrix
 
@@ -20,7 +20,7 @@ _RELATIVE_GAIN = 1e-10
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class OrbitSolution:
     """Result of an adjustment: motion, points y (P, 3), robust cost in px^2, iterations used."""
 
     motion: Motion
@@ -45,7 +45,9 @@ class NormalEquations(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def normal_equations(Q: Matrix, rate: float, y: Matrix, rows: Rows, cauchy: float, power: int) -> NormalEquations:
+def normal_equations(
+    Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, power: int
+) -> NormalEquations:
     """Accumulate the normal equations with Cauchy weights w^power, and the robust cost in the same pass.
 
     power 1 gives the equations of the iteration (IRLS); power 2 the mean second derivative of Cauchy's function for an
@@ -166,7 +168,7 @@ def _step(H: NormalEquations, damping: float, free_rate: bool) -> tuple[NDArray[
 
 @njit(cache=True, nogil=True)
 def _levenberg_marquardt(
-    Q: Matrix, rate: float, y: Matrix, rows: Rows, cauchy: float, limits: tuple[bool, int, float]
+    Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, limits: tuple[bool, int, float]
 ) -> tuple[Matrix, float, Matrix, float, int]:
     """Cost and equations come from one pass over the rows; the pass of a step that is taken serves the next one."""
     free_rate, iterations, tolerance = limits
@@ -198,14 +200,14 @@ def linear_points(motion: Motion, obs: Observations) -> Matrix:
     return np.asarray(triangulate(motion.Q, motion.rate_hz, obs.rows))
 
 
-def adjust(
+def bundle_adjustment(
     motion: Motion,
     y: Matrix,
     obs: Observations,
     cauchy_px: float,
     free_rate: bool = True,
     iterations: int = 50,
-) -> Adjusted:
+) -> OrbitSolution:
     """Minimise the robust reprojection error over Q, the rate (if free) and all points.
 
     cauchy_px: scale of Cauchy's function, <= 0 for plain least squares. Stops when a step gains, or can
@@ -220,10 +222,10 @@ def adjust(
         (free_rate, iterations, _RELATIVE_GAIN),
     )
     U, _, Vt = np.linalg.svd(Q)  # rounding of many small rotations
-    return Adjusted(Motion(U @ Vt, float(rate)), points, float(cost), int(used))
+    return OrbitSolution(Motion(U @ Vt, float(rate)), points, float(cost), int(used))
 
 
-def schur_marginal(solution: Adjusted, obs: Observations, cauchy_px: float) -> Matrix:
+def schur_marginal(solution: OrbitSolution, obs: Observations, cauchy_px: float) -> Matrix:
     """Marginal covariance (4, 4) of (rotation vector of Q, rate) as of the factor graph; NaN where indeterminate."""
     H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 2)
     try:

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.parametrization import Rows
+from esfo_backend.orbit.parametrization import ObservationRows
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
 from esfo_core.orbit import Matrix
 
@@ -27,11 +27,11 @@ COLUMNS = 9
 
 @njit(cache=True, nogil=True)
 def reduced_equations(
-    Q: Matrix, rate: float, y: Matrix, rows: Rows, cauchy: float
+    Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float
 ) -> tuple[NDArray[np.float64], Matrix]:
     """Information (P, 9, 9) and score (P, 9) that each point gives of the columns above, itself eliminated.
 
-    Rows weigh by Cauchy's weight at the residuals; rows behind the camera count nothing.
+    ObservationRows weigh by Cauchy's weight at the residuals; rows behind the camera count nothing.
     """
     P = len(rows.first) - 1
     information, score = np.zeros((P, COLUMNS, COLUMNS)), np.zeros((P, COLUMNS))
@@ -56,7 +56,7 @@ def reduced_equations(
 
 
 @njit(cache=True, nogil=True)
-def _widen(rate: float, y: NDArray[np.floating], rows: Rows, k: int, block: Matrix, wide: Matrix) -> None:
+def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, block: Matrix, wide: Matrix) -> None:
     """Write residual, motion, slope, bias and point columns of row k into wide (2, 13).
 
     block: of `linearize_row`. The direction of the image motion is the derivative by y along the point's own velocity.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, normal_equations
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, normal_equations
 from esfo_backend.adjustment.consider_bias import bias_sensitivity, reduced_equations
 from esfo_backend.orbit.parametrization import Observations
 from esfo_backend.orbit.projection import row_errors
@@ -24,7 +24,7 @@ class MotionCovariance:
 
 
 def motion_covariance(
-    solution: Adjusted, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
+    solution: OrbitSolution, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
 ) -> MotionCovariance:
     """Scale the graph's marginal by the noise that the residuals show.
 
@@ -52,7 +52,7 @@ def motion_covariance(
     return MotionCovariance(float(np.sqrt(cov[3, 3])), to_tangent @ cov[:3, :3] @ to_tangent.T)
 
 
-def _independent_variance(solution: Adjusted, obs: Observations, cauchy_px: float) -> float:
+def _independent_variance(solution: OrbitSolution, obs: Observations, cauchy_px: float) -> float:
     """Variance factor in px^2 of an M-estimate: mean squared influence over the square of the mean curvature."""
     errors = obs.rows.weight * row_errors(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows)
     errors = errors[np.isfinite(errors)]

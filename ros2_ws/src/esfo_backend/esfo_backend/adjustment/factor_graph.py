@@ -14,8 +14,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import F, L, Q
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted
-from esfo_backend.orbit.parametrization import Motion, Observations, Rows
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
+from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations
 from esfo_backend.orbit.projection import linearize_stack, robust_cost
 from esfo_core.orbit import Matrix, Vector
 
@@ -27,17 +27,17 @@ ErrorFunction = Callable[[gtsam.CustomFactor, gtsam.Values, list[Matrix] | None]
 
 
 @dataclass(frozen=True)
-class GraphResult:
+class GraphOptimum:
     """Optimum of the graph and the covariance of its motion.
 
     marginal: (4, 4), GTSAM's marginal covariance of (right rotation vector of Q, rate) for unit variance of a residual.
     """
 
-    adjusted: Adjusted
+    solution: OrbitSolution
     marginal: Matrix
 
 
-def orbit_factor(point: int, rows: Rows, cauchy_px: float, power: int = 1) -> gtsam.CustomFactor:
+def orbit_factor(point: int, rows: ObservationRows, cauchy_px: float, power: int = 1) -> gtsam.CustomFactor:
     """Return the orbit factor (paper, figure 4) of one point: all its rows, whitened and robustly weighted.
 
     rows: rows of this point alone. power: see `linearize_stack`.
@@ -80,7 +80,7 @@ def _unpack(values: gtsam.Values, points: int) -> tuple[Matrix, float, Matrix]:
     return values.atRot3(_ROTATION).matrix(), float(values.atVector(_RATE)[0]), y
 
 
-def optimise_graph(start: Adjusted, obs: Observations, cauchy_px: float, iterations: int) -> GraphResult:
+def optimise_graph(start: OrbitSolution, obs: Observations, cauchy_px: float, iterations: int) -> GraphOptimum:
     """Minimise the robust reprojection error over the whole graph, starting from `start`."""
     graph = orbit_graph(obs, cauchy_px)
     ordering = gtsam.Ordering()
@@ -109,8 +109,8 @@ def optimise_graph(start: Adjusted, obs: Observations, cauchy_px: float, iterati
         if previous - cost <= _RELATIVE_GAIN * previous:
             break
     rotation, rate, y = _unpack(values, obs.points)
-    adjusted = Adjusted(Motion(rotation, rate), y, cost, used)
-    return GraphResult(adjusted, motion_marginal(values, obs, cauchy_px))
+    adjusted = OrbitSolution(Motion(rotation, rate), y, cost, used)
+    return GraphOptimum(adjusted, motion_marginal(values, obs, cauchy_px))
 
 
 def _damped_step(

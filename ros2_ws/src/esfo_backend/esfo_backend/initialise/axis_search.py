@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.errors import BackendError
-from esfo_backend.options import StartOptions
+from esfo_backend.options import InitialisationOptions
 from esfo_backend.orbit.parametrization import Observations, motion_from_axis
 from esfo_backend.orbit.selection import longest_points
 from esfo_core.orbit import Matrix, Vector, angle_between, rotation, tangent_basis
@@ -29,11 +29,11 @@ _NEAR_VIEW_DEG, _RINGS_DEG, _AROUND = 20.0, (3.0, 8.0), 6
 
 
 @dataclass(frozen=True)
-class DirectStart:
+class AxisSearchResult:
     """best: the cheapest optimum. second: the next distinct one, None when every start ended in the same place."""
 
-    best: Adjusted
-    second: Adjusted | None
+    best: OrbitSolution
+    second: OrbitSolution | None
 
 
 def directions(count: int) -> Matrix:
@@ -50,7 +50,7 @@ def mean_direction(obs: Observations) -> Vector:
     return np.append(np.median(obs.rows.xy, axis=0), 1.0)
 
 
-def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> DirectStart:
+def search_axis(obs: Observations, rate_hz: float, options: InitialisationOptions) -> AxisSearchResult:
     """Search the axis with the rate held at `rate_hz`; the optima are finished with all points.
 
     Axes are tried on all processors; the result does not depend on how many there are. Raises BackendError when no
@@ -59,9 +59,11 @@ def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> Di
     towards, sample = mean_direction(obs), longest_points(obs, options.search_tracks)
     axes = [a for a in directions(options.axes) if min(angle_between(a, towards), angle_between(-a, towards)) >= 1]
 
-    def tried(axis: Vector) -> Adjusted:
+    def tried(axis: Vector) -> OrbitSolution:
         motion = motion_from_axis(axis, towards, rate_hz)
-        return adjust(motion, linear_points(motion, sample), sample, options.cauchy_px, False, _COARSE_ITERATIONS)
+        return bundle_adjustment(
+            motion, linear_points(motion, sample), sample, options.cauchy_px, False, _COARSE_ITERATIONS
+        )
 
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         coarse = _by_cost(pool.map(tried, axes))
@@ -71,10 +73,10 @@ def direct_start(obs: Observations, rate_hz: float, options: StartOptions) -> Di
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
     optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)
     final = _distinct(optima, obs, options, _FINAL_ITERATIONS, 2)
-    return DirectStart(final[0], final[1] if len(final) > 1 else None)
+    return AxisSearchResult(final[0], final[1] if len(final) > 1 else None)
 
 
-def _by_cost(tried: Iterable[Adjusted]) -> list[Adjusted]:
+def _by_cost(tried: Iterable[OrbitSolution]) -> list[OrbitSolution]:
     return sorted((c for c in tried if np.isfinite(c.cost)), key=lambda c: c.cost)
 
 
@@ -92,15 +94,15 @@ def _rings(view: Vector) -> list[Vector]:
 
 
 def _distinct(
-    starts: list[Adjusted], obs: Observations, options: StartOptions, iterations: int, count: int
-) -> list[Adjusted]:
+    starts: list[OrbitSolution], obs: Observations, options: InitialisationOptions, iterations: int, count: int
+) -> list[OrbitSolution]:
     """Adjust the starts in their order until there are `count` distinct optima; the cheapest first."""
-    optima: list[Adjusted] = []
+    optima: list[OrbitSolution] = []
     for start in starts:
         if any(_same(start, o) for o in optima):
             continue
         y = linear_points(start.motion, obs)
-        finished = adjust(start.motion, y, obs, options.cauchy_px, False, iterations)
+        finished = bundle_adjustment(start.motion, y, obs, options.cauchy_px, False, iterations)
         if not any(_same(finished, o) for o in optima):
             optima.append(finished)
         if len(optima) == count:
@@ -108,5 +110,5 @@ def _distinct(
     return sorted(optima, key=lambda c: c.cost)
 
 
-def _same(a: Adjusted, b: Adjusted) -> bool:
+def _same(a: OrbitSolution, b: OrbitSolution) -> bool:
     return angle_between(a.motion.axis, b.motion.axis) < _SAME_OPTIMUM_DEG

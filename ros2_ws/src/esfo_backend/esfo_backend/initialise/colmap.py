@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from esfo_backend.errors import BackendError
 from esfo_backend.initialise.circle import CameraOrbit, orbit_of_cameras
-from esfo_backend.options import StartOptions
+from esfo_backend.options import InitialisationOptions
 from esfo_core.camera import Camera
-from esfo_core.orbit import NANOSECONDS, Matrix, Vector
+from esfo_core.orbit import NS_PER_S, Matrix, Vector
 from esfo_core.tracks import Tracks
 
 # A track set without a model is an answer here, not an error to print.
@@ -39,7 +39,7 @@ class Views:
 
 
 @dataclass(frozen=True)
-class ColmapStart:
+class ColmapResult:
     """What COLMAP found: the orbit read off its cameras, how many it registered of how many, and its RMS error."""
 
     orbit: CameraOrbit
@@ -51,13 +51,13 @@ class ColmapStart:
 def cut_views(tracks: Tracks, camera: Camera, window_s: float) -> Views:
     """Group rows into windows of `window_s`; a track with two rows in one window gives the first."""
     ordered = tracks.sorted()
-    window = (ordered.t - ordered.t.min()) // round(window_s * NANOSECONDS)
+    window = (ordered.t - ordered.t.min()) // round(window_s * NS_PER_S)
     _, unique = np.unique(np.stack([window, ordered.track_id.astype(np.int64)]), axis=1, return_index=True)
     rows = np.sort(unique)
     window, kept = window[rows], ordered.select(rows)
     ideal = camera.unproject(kept.uv) * [camera.K[0, 0], camera.K[1, 1]] + [camera.K[0, 2], camera.K[1, 2]]
     members = [np.flatnonzero(window == w) for w in np.unique(window)]
-    seconds = (kept.t - ordered.t.min()) / NANOSECONDS
+    seconds = (kept.t - ordered.t.min()) / NS_PER_S
     by_track = [m[np.argsort(kept.track_id[m])] for m in members]
     return Views(
         np.array([seconds[m].mean() for m in by_track]),
@@ -66,7 +66,7 @@ def cut_views(tracks: Tracks, camera: Camera, window_s: float) -> Views:
     )
 
 
-def bounded(views: Views, options: StartOptions) -> Views:
+def bounded(views: Views, options: InitialisationOptions) -> Views:
     """Return the stretch of consecutive views with the most tracks, and of each view the tracks of the most views.
 
     What is within the limits of the options comes back as it is. COLMAP's time grows with both numbers, its answer
@@ -88,7 +88,7 @@ def bounded(views: Views, options: StartOptions) -> Views:
     )
 
 
-def colmap_start(tracks: Tracks, camera: Camera, options: StartOptions) -> ColmapStart:
+def run_colmap(tracks: Tracks, camera: Camera, options: InitialisationOptions) -> ColmapResult:
     """Run COLMAP with fixed intrinsics and seeds on one thread: the same tracks give the same answer.
 
     Raises BackendError when the tracks are too sparse, when there is no model, or when its cameras are no orbit.
@@ -108,7 +108,7 @@ def colmap_start(tracks: Tracks, camera: Camera, options: StartOptions) -> Colma
     R = np.array([i.cam_from_world().rotation.matrix() for i in images])
     t = np.array([i.cam_from_world().translation for i in images])
     orbit = orbit_of_cameras(R, t, views.seconds[[int(i.name) for i in images]])
-    return ColmapStart(orbit, len(images), len(views.seconds), float(model.compute_mean_reprojection_error()))
+    return ColmapResult(orbit, len(images), len(views.seconds), float(model.compute_mean_reprojection_error()))
 
 
 def _write_database(path: Path, views: Views, camera: Camera) -> None:

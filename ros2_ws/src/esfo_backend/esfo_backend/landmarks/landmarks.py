@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment
 from esfo_backend.errors import BackendError
-from esfo_backend.initialise.initialisation import Start
 from esfo_backend.landmarks.reidentification import ROUND_ITERATIONS, Labels, point_rms, reidentify
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.parametrization import Observations
@@ -20,57 +19,57 @@ _PRUNING_ROUNDS = 2
 
 
 @dataclass(frozen=True)
-class Structure:
+class Landmarks:
     """One point per label: the observations of each, the solution, and the point (M,) of each track, -1 for none."""
 
     obs: Observations
-    solution: Adjusted
+    solution: OrbitSolution
     label: Labels
 
 
-def build_structure(start: Start, obs: Observations, options: BackendOptions) -> Structure:
+def build_landmarks(solution: OrbitSolution, obs: Observations, options: BackendOptions) -> Landmarks:
     """Re-identify with the rate held, then free, then tighten the loss: the order that was measured best.
 
     obs: one point per track (M).
     """
-    loose, tight = options.start.cauchy_px, options.graph.cauchy_px
-    solution, label = start.adjusted, np.arange(obs.points)
+    loose, tight = options.initialisation.cauchy_px, options.graph.cauchy_px
+    label = np.arange(obs.points)
     if not options.reidentification.enabled:
-        return Structure(obs, solution, label)
+        return Landmarks(obs, solution, label)
     solution, label = reidentify(solution, obs, label, options.reidentification, loose, False)
-    solution = adjust(solution.motion, solution.y, obs.regroup(label), loose, iterations=ROUND_ITERATIONS)
+    solution = bundle_adjustment(solution.motion, solution.y, obs.regroup(label), loose, iterations=ROUND_ITERATIONS)
     solution, label = reidentify(solution, obs, label, options.reidentification, loose, True)
     grouped = obs.regroup(label)
-    solution = adjust(solution.motion, solution.y, grouped, tight, iterations=ROUND_ITERATIONS)
-    return Structure(grouped, solution, label)
+    solution = bundle_adjustment(solution.motion, solution.y, grouped, tight, iterations=ROUND_ITERATIONS)
+    return Landmarks(grouped, solution, label)
 
 
-def prune(structure: Structure, options: BackendOptions) -> Structure:
+def prune(landmarks: Landmarks, options: BackendOptions) -> Landmarks:
     """Drop what is no fixed point of the object (silhouettes, false tracks), refit, and look once more.
 
     Raises BackendError when too few points are left.
     """
     limit_px, needed = options.graph.prune_px, options.verdict.min_points
     for _ in range(_PRUNING_ROUNDS):
-        motion, y = structure.solution.motion, structure.solution.y
-        errors = row_errors(motion.Q, motion.rate_hz, y, structure.obs.rows)
-        keep = (point_rms(errors, structure.obs) < limit_px) & _near(y)
+        motion, y = landmarks.solution.motion, landmarks.solution.y
+        errors = row_errors(motion.Q, motion.rate_hz, y, landmarks.obs.rows)
+        keep = (point_rms(errors, landmarks.obs) < limit_px) & _near(y)
         if keep.sum() < needed:
             raise BackendError(
                 f"only {int(keep.sum())} of {len(keep)} points follow one rotation to {limit_px} px; "
                 f"{needed} are needed",
                 "too_few_points",
             )
-        structure = _keep(structure, keep)
-        solution = adjust(motion, structure.solution.y, structure.obs, options.graph.cauchy_px)
-        structure = replace(structure, solution=solution)
-    return structure
+        landmarks = _keep(landmarks, keep)
+        solution = bundle_adjustment(motion, landmarks.solution.y, landmarks.obs, options.graph.cauchy_px)
+        landmarks = replace(landmarks, solution=solution)
+    return landmarks
 
 
-def drop_far(structure: Structure) -> Structure:
+def drop_far(landmarks: Landmarks) -> Landmarks:
     """Drop points that an optimum has put beyond the camera: tracks without parallax, whose depth runs away."""
-    keep = _near(structure.solution.y)
-    return structure if keep.all() else _keep(structure, keep)
+    keep = _near(landmarks.solution.y)
+    return landmarks if keep.all() else _keep(landmarks, keep)
 
 
 def _near(y: Matrix) -> NDArray[np.bool_]:
@@ -79,21 +78,21 @@ def _near(y: Matrix) -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2]))
 
 
-def _keep(structure: Structure, keep: NDArray[np.bool_]) -> Structure:
+def _keep(landmarks: Landmarks, keep: NDArray[np.bool_]) -> Landmarks:
     new_label = np.where(keep, np.cumsum(keep) - 1, -1)
-    label = np.where(structure.label >= 0, new_label[structure.label], -1)
-    solution = replace(structure.solution, y=structure.solution.y[keep])
-    return Structure(structure.obs.regroup(new_label), solution, label)
+    label = np.where(landmarks.label >= 0, new_label[landmarks.label], -1)
+    solution = replace(landmarks.solution, y=landmarks.solution.y[keep])
+    return Landmarks(landmarks.obs.regroup(new_label), solution, label)
 
 
-def repeatable_points(obs: Observations, rate_hz: float) -> int:
+def reobservable_points(obs: Observations, rate_hz: float) -> int:
     """Number of points that were seen a turn or more before the end, or after the beginning, of the observations."""
     dt, first = obs.rows.dt, obs.rows.first
     again = (dt[first[:-1]] <= dt.max() - 1 / rate_hz) | (dt[first[1:] - 1] >= dt.min() + 1 / rate_hz)
     return int(again.sum())
 
 
-def recurring_points(obs: Observations, rate_hz: float) -> int:
+def reobserved_points(obs: Observations, rate_hz: float) -> int:
     """Number of points that were seen again: after half a turn or more without being seen, or over a whole turn."""
     dt, first = obs.rows.dt, obs.rows.first
     hidden = np.zeros(obs.points, bool)

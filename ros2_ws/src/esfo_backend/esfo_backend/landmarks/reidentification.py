@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points, normal_equations
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points, normal_equations
 from esfo_backend.options import ReidentificationOptions
 from esfo_backend.orbit.parametrization import Motion, Observations
 from esfo_backend.orbit.projection import row_errors
@@ -34,7 +34,7 @@ def point_rms(errors: Vector, obs: Observations) -> Vector:
 
 
 def merge_round(
-    solution: Adjusted, obs: Observations, label: Labels, options: ReidentificationOptions, cauchy_px: float
+    solution: OrbitSolution, obs: Observations, label: Labels, options: ReidentificationOptions, cauchy_px: float
 ) -> Labels:
     """Merge points pairwise, each at most once; return the new label of each track, (M,), consecutive from 0.
 
@@ -64,7 +64,7 @@ def _consecutive(label: Labels) -> Labels:
 
 
 def _candidate_pairs(
-    solution: Adjusted, grouped: Observations, options: ReidentificationOptions, cauchy_px: float
+    solution: OrbitSolution, grouped: Observations, options: ReidentificationOptions, cauchy_px: float
 ) -> NDArray[np.int64]:
     """Pairs (K, 2) of points that agree within their covariance, nearest first."""
     y = solution.y
@@ -112,13 +112,13 @@ def _misfit(motion: Motion, obs: Observations, merged: Labels, limit_px: float) 
 
 
 def reidentify(
-    solution: Adjusted,
+    solution: OrbitSolution,
     obs: Observations,
     label: Labels,
     options: ReidentificationOptions,
     cauchy_px: float,
     free_rate: bool,
-) -> tuple[Adjusted, Labels]:
+) -> tuple[OrbitSolution, Labels]:
     """Merge and refit until nothing merges, at most `options.rounds` times."""
     for _ in range(options.rounds):
         merged = merge_round(solution, obs, label, options, cauchy_px)
@@ -127,5 +127,5 @@ def reidentify(
         label = merged
         grouped = obs.regroup(label)
         y = linear_points(solution.motion, grouped)
-        solution = adjust(solution.motion, y, grouped, cauchy_px, free_rate, ROUND_ITERATIONS)
+        solution = bundle_adjustment(solution.motion, y, grouped, cauchy_px, free_rate, ROUND_ITERATIONS)
     return solution, label

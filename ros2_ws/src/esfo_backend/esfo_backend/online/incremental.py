@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points, schur_marginal
-from esfo_backend.adjustment.factor_graph import GraphResult
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points, schur_marginal
+from esfo_backend.adjustment.factor_graph import GraphOptimum
 from esfo_backend.errors import BackendError
-from esfo_backend.landmarks.landmarks import Structure, prune
+from esfo_backend.landmarks.landmarks import Landmarks, prune
 from esfo_backend.landmarks.reidentification import Labels, merge_round
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.parametrization import Motion, observations
@@ -30,7 +30,7 @@ _SHARE_RECURRING = 0.7
 _ITERATIONS = 10
 
 
-class Follower:
+class IncrementalSolver:
     """Working set of tracks, the motion, and which point each track belongs to.
 
     ids, label: (K,) tracks whose point is known, ascending, and their points. lost: tracks that follow no point.
@@ -83,7 +83,7 @@ class Follower:
             return self.ids
         return self.ids[np.bincount(self.label)[self.label] > 1]
 
-    def update(self, news: Tracks) -> tuple[Structure, GraphResult]:
+    def update(self, news: Tracks) -> tuple[Landmarks, GraphOptimum]:
         """Take in new rows and go on from the last estimate.
 
         Raises BackendError when the tracks do not follow the motion any more: a search has to begin anew.
@@ -92,23 +92,23 @@ class Follower:
             raise BackendError("nothing was found yet that could be followed")
         options = self._options
         self._tracks = self._chosen(Tracks.concatenate([self._tracks, news]))
-        obs, ids = observations(self._tracks, self._camera, options.start.min_rows)
+        obs, ids = observations(self._tracks, self._camera, options.initialisation.min_observations)
         label = self._label_of(ids)
         grouped = obs.regroup(label)
         y = linear_points(self.motion, grouped)
-        loose, tight = options.start.cauchy_px, options.graph.cauchy_px
-        solution = adjust(self.motion, y, grouped, loose, True, _ITERATIONS)
+        loose, tight = options.initialisation.cauchy_px, options.graph.cauchy_px
+        solution = bundle_adjustment(self.motion, y, grouped, loose, True, _ITERATIONS)
         if options.reidentification.enabled:
             label = merge_round(solution, obs, label, options.reidentification, loose)
             grouped = obs.regroup(label)
             y = linear_points(solution.motion, grouped)
-        solution = adjust(solution.motion, y, grouped, tight, True, _ITERATIONS)
-        structure = prune(Structure(grouped, solution, label), options)
-        solution = structure.solution
-        self._lost = np.union1d(self._lost, ids[structure.label < 0])
+        solution = bundle_adjustment(solution.motion, y, grouped, tight, True, _ITERATIONS)
+        landmarks = prune(Landmarks(grouped, solution, label), options)
+        solution = landmarks.solution
+        self._lost = np.union1d(self._lost, ids[landmarks.label < 0])
         self._lost = np.intersect1d(self._lost, self._tracks.track_id)
-        self._remember(solution.motion, ids, structure.label)
-        return structure, GraphResult(solution, schur_marginal(solution, structure.obs, tight))
+        self._remember(solution.motion, ids, landmarks.label)
+        return landmarks, GraphOptimum(solution, schur_marginal(solution, landmarks.obs, tight))
 
     def _remember(self, motion: Motion, ids: Ids, label: Labels) -> None:
         order = np.argsort(ids[label >= 0])

@@ -9,15 +9,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
 from esfo_backend.errors import BackendError
-from esfo_backend.initialise.initialisation import Start
+from esfo_backend.initialise.initialisation import Initialisation
 from esfo_backend.online.stream_memory import coarser
 from esfo_backend.options import SpinRateOptions
 from esfo_backend.orbit.parametrization import Motion
 from esfo_backend.spin_rate.correlation import Harmonic, SpinRate, correlation_rate
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS, Matrix
+from esfo_core.orbit import NS_PER_S, Matrix
 
 _CERTAIN_TURNS = 4.0
 """Turns after which the period is not looked at anew: it does not change its mind any more."""
@@ -30,14 +30,14 @@ _BINS_PER_TURN = 128
 
 
 @dataclass(frozen=True)
-class Basis:
+class RateLock:
     """Rate and start of the last search.
 
     turns: seen when they were last confirmed. certain: the search left no doubt about the axis.
     """
 
     rate: SpinRate
-    start: Start
+    initialisation: Initialisation
     turns: float
     certain: bool
 
@@ -49,9 +49,9 @@ class Basis:
         """Whether to look at the period again: it may have been taken for the true one too early."""
         return 2 * self.turns <= min(turns, 2 * _CERTAIN_TURNS)
 
-    def confirmed(self, activity: Activity, turns: float, options: SpinRateOptions) -> Basis:
+    def confirmed(self, activity: Activity, turns: float, options: SpinRateOptions) -> RateLock:
         """Look at the period again, after so many turns. Raises BackendError when the stream has another one by now."""
-        per_turn = NANOSECONDS / (self.rate.rate_hz * activity.bin)
+        per_turn = NS_PER_S / (self.rate.rate_hz * activity.bin)
         rate = correlation_rate(coarser(activity, max(1, int(per_turn / _BINS_PER_TURN))), options)
         if not rate.agrees_with(self.rate.rate_hz):
             raise BackendError(f"the event stream repeats at {rate.rate_hz:.4f} Hz, not at {self.rate.rate_hz:.4f} Hz")
@@ -59,33 +59,33 @@ class Basis:
 
     def arrays(self) -> dict[str, ArrayLike]:
         """Return it as arrays for a file; the points of the start are left out, nothing needs them any more."""
-        second = [] if self.start.second is None else [self.start.second]
-        optima = [[*a.motion.Q.ravel(), a.motion.rate_hz, a.cost] for a in (self.start.adjusted, *second)]
+        second = [] if self.initialisation.second is None else [self.initialisation.second]
+        optima = [[*a.motion.Q.ravel(), a.motion.rate_hz, a.cost] for a in (self.initialisation.solution, *second)]
         harmonics = [[h.rate_hz, h.correlation, h.z] for h in self.rate.harmonics]
         return {
             "basis_rate": [self.rate.rate_hz, self.rate.correlation, self.rate.prominence],
             "basis_harmonics": np.reshape(harmonics, (-1, 3)),
             "basis_optima": optima,
-            "basis_start": [self.start.name, self.start.colmap_note],
+            "basis_start": [self.initialisation.name, self.initialisation.colmap_note],
             "basis_turns": self.turns,
             "basis_certain": self.certain,
         }
 
     @staticmethod
-    def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> Basis:
+    def from_arrays(arrays: Mapping[str, NDArray[np.generic]]) -> RateLock:
         """Read what `arrays` gave. Raises KeyError or ValueError for anything else."""
         rate, correlation, prominence = (float(v) for v in np.asarray(arrays["basis_rate"], np.float64))
         harmonics = [Harmonic(*row) for row in np.asarray(arrays["basis_harmonics"], np.float64).tolist()]
         best, *second = [_optimum(row) for row in np.asarray(arrays["basis_optima"], np.float64)]
         name, note = (str(v) for v in arrays["basis_start"])
         start_name: Literal["colmap", "direct"] = "colmap" if name == "colmap" else "direct"
-        return Basis(
+        return RateLock(
             SpinRate(rate, correlation, prominence, tuple(harmonics)),
-            Start(best, start_name, second[0] if second else None, note),
+            Initialisation(best, start_name, second[0] if second else None, note),
             float(np.asarray(arrays["basis_turns"], np.float64)),
             bool(arrays["basis_certain"]),
         )
 
 
-def _optimum(row: Matrix) -> Adjusted:
-    return Adjusted(Motion(row[:9].reshape(3, 3), float(row[9])), np.empty((0, 3)), float(row[10]), 0)
+def _optimum(row: Matrix) -> OrbitSolution:
+    return OrbitSolution(Motion(row[:9].reshape(3, 3), float(row[9])), np.empty((0, 3)), float(row[10]), 0)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from esfo_backend.options import MemoryOptions
 from esfo_backend.orbit.selection import spread
 from esfo_core.activity import Activity, ActivityError
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
 
 LONGEST_GAP_NS = 60_000_000_000
@@ -25,7 +25,7 @@ _KEPT = 0.75
 
 
 @dataclass(frozen=True)
-class Seen:
+class StreamSnapshot:
     """What an estimate is made from.
 
     activity: of the latest time, maybe in coarser bins than received. begin: time of the first event, ns, which may be
@@ -38,7 +38,7 @@ class Seen:
     after_gap: bool
 
 
-class History:
+class StreamMemory:
     """Tracks and activity since the start of the stream or the last long pause.
 
     rate_hz: the latest estimate, None while unknown. recurring: ids of tracks of points that came round again. Both
@@ -95,7 +95,7 @@ class History:
             except ActivityError as error:  # told by `seen`, where an estimate can say why there is none
                 self._error, self._recent = error, []
                 self._count_bins()
-        if self._rows > self._options.max_rows:
+        if self._rows > self._options.max_observations:
             self._forget_tracks()
 
     def restore(self, begin: int | None, after_gap: bool, coarse: Activity | None, factor: int) -> None:
@@ -111,7 +111,7 @@ class History:
         """Return all rows that are kept, in the order received."""
         return Tracks.concatenate(self._tracks)
 
-    def seen(self) -> Seen | None:
+    def seen(self) -> StreamSnapshot | None:
         """Return everything that is kept, None before the first event. Raises ActivityError for pieces that overlap."""
         if self._error is not None:
             raise self._error
@@ -122,7 +122,7 @@ class History:
         tracks = self.tracks()
         if self.after_gap:
             tracks = tracks.select(tracks.t >= self.begin)
-        return Seen(tracks, whole, self.begin, self.after_gap)
+        return StreamSnapshot(tracks, whole, self.begin, self.after_gap)
 
     def _drop_before_gap(self) -> None:
         end, kept = None if self.coarse is None else self.coarse.end, list[Activity]()
@@ -154,7 +154,7 @@ class History:
         if kept is None or recent is None or self._bins <= self._options.max_bins:
             return
         if len(kept.counts) > limit:
-            seconds = limit * kept.bin / NANOSECONDS
+            seconds = limit * kept.bin / NS_PER_S
             if self.rate_hz is not None and seconds * self.rate_hz >= self._options.turns:
                 drop = len(kept.counts) - limit
                 kept = Activity(kept.t0 + drop * kept.bin, kept.bin, kept.cell, kept.counts[drop:].copy())
@@ -175,7 +175,7 @@ class History:
         while True:
             count = int(_KEPT * count)
             chosen = spread(begin, rows, rank, count)
-            if rows[chosen].sum() <= _KEPT * self._options.max_rows:
+            if rows[chosen].sum() <= _KEPT * self._options.max_observations:
                 break
         kept = np.zeros(len(ids), bool)
         kept[chosen] = True

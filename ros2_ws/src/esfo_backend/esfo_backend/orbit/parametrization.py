@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from esfo_backend.errors import BackendError
 from esfo_core.camera import Camera
-from esfo_core.orbit import NANOSECONDS, Matrix, Spin, Vector
+from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector
 from esfo_core.tracks import Tracks
 
 REFERENCE_SIGMA_PX = 0.5
 """Part of the error that no track knows of: the corner is not exactly a point of the object."""
 
 
-class Rows(NamedTuple):
+class ObservationRows(NamedTuple):
     """Rows of tracks, sorted by point, in the form that the kernels read.
 
     dt: (N,) s from the reference time. xy: (N, 2) ideal plane coordinates. weight: (N,) in (0, 1], relative to a row
@@ -44,7 +44,7 @@ class Rows(NamedTuple):
 class Observations:
     """Rows and the reference time t_ref in ns that they count from."""
 
-    rows: Rows
+    rows: ObservationRows
     t_ref: int
 
     @property
@@ -52,25 +52,25 @@ class Observations:
         """Number of points."""
         return len(self.rows.first) - 1
 
-    def of_point(self, j: int) -> Rows:
+    def of_point(self, j: int) -> ObservationRows:
         """Rows of point j alone."""
         dt, xy, weight, first, focal = self.rows
         part = slice(first[j], first[j + 1])
-        return Rows(dt[part], xy[part], weight[part], np.array([0, first[j + 1] - first[j]]), focal)
+        return ObservationRows(dt[part], xy[part], weight[part], np.array([0, first[j + 1] - first[j]]), focal)
 
     def point_index(self) -> NDArray[np.int64]:
         """Point of each row, (N,)."""
         return np.repeat(np.arange(self.points), np.diff(self.rows.first))
 
-    def part(self, chosen: NDArray[np.bool_], min_rows: int) -> Observations:
-        """Keep the rows chosen by a mask (N,), and only points that have `min_rows` of them."""
+    def part(self, chosen: NDArray[np.bool_], min_observations: int) -> Observations:
+        """Keep the rows chosen by a mask (N,), and only points that have `min_observations` of them."""
         point = self.point_index()
-        enough = np.bincount(point[chosen], minlength=self.points) >= min_rows
+        enough = np.bincount(point[chosen], minlength=self.points) >= min_observations
         k = np.flatnonzero(chosen & enough[point])
         dt, xy, weight, _, focal = self.rows
         counts = np.bincount(point[k], minlength=self.points)
         first = np.concatenate([[0], np.cumsum(counts[counts > 0])])
-        return Observations(Rows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
+        return Observations(ObservationRows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
 
     def regroup(self, label: NDArray[np.int64]) -> Observations:
         """Merge points: point j becomes part of point label[j]; a negative label drops it."""
@@ -80,24 +80,24 @@ class Observations:
         counts = np.bincount(row_label[k], minlength=int(label.max(initial=-1)) + 1)
         first = np.concatenate([[0], np.cumsum(counts[counts > 0])])
         dt, xy, weight, _, focal = self.rows
-        return Observations(Rows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
+        return Observations(ObservationRows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
 
 
-def observations(tracks: Tracks, camera: Camera, min_rows: int) -> tuple[Observations, NDArray[np.uint32]]:
-    """Prepare tracks of at least `min_rows` rows; also return the track id of each point, (P,).
+def observations(tracks: Tracks, camera: Camera, min_observations: int) -> tuple[Observations, NDArray[np.uint32]]:
+    """Prepare tracks of at least `min_observations` rows; also return the track id of each point, (P,).
 
     Raises BackendError when no track is long enough.
     """
     ordered = tracks.sorted()
     ids, counts = np.unique(ordered.track_id, return_counts=True)
-    long_enough = np.repeat(counts >= min_rows, counts)
+    long_enough = np.repeat(counts >= min_observations, counts)
     if not long_enough.any():
-        raise BackendError(f"none of {len(ids)} tracks has {min_rows} rows", "too_few_points")
+        raise BackendError(f"none of {len(ids)} tracks has {min_observations} rows", "too_few_points")
     kept = ordered.select(long_enough)
-    counts = counts[counts >= min_rows]
+    counts = counts[counts >= min_observations]
     t_ref = int(kept.t.min() + (kept.t.max() - kept.t.min()) // 2)
-    rows = Rows(
-        (kept.t - t_ref) / NANOSECONDS,
+    rows = ObservationRows(
+        (kept.t - t_ref) / NS_PER_S,
         camera.unproject(kept.uv),
         REFERENCE_SIGMA_PX / np.sqrt(REFERENCE_SIGMA_PX**2 + kept.sigma.astype(np.float64) ** 2),
         np.concatenate([[0], np.cumsum(counts)]),
@@ -131,7 +131,7 @@ def motion_from_axis(axis: Vector, towards: Vector, rate_hz: float) -> Motion:
 
 def spin_and_points(motion: Motion, y: Matrix, t_ref: int, t0: int) -> tuple[Spin, Matrix]:
     """Leave the gauge: the spin about the point of the axis nearest the centroid, and (P, 3) points at time t0."""
-    theta = 2 * np.pi * motion.rate_hz * (t0 - t_ref) / NANOSECONDS
+    theta = 2 * np.pi * motion.rate_hz * (t0 - t_ref) / NS_PER_S
     c, s = np.cos(theta), np.sin(theta)
     turned = np.stack([c * y[:, 0] + s * y[:, 1], -s * y[:, 0] + c * y[:, 1], y[:, 2]], axis=1)
     height = float(np.median(y[:, 2])) if len(y) else 0.0

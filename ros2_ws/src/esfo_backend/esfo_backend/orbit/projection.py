@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from esfo_backend.orbit.parametrization import Rows
+from esfo_backend.orbit.parametrization import ObservationRows
 from esfo_core.orbit import Matrix, Vector
 
 BEHIND_CAMERA_COST = 1e4
@@ -25,7 +25,7 @@ def project_row(Q: Matrix, rate: float, y: Vector, dt: float, X: Vector) -> None
 
 
 @njit(cache=True, nogil=True)
-def linearize_row(Q: Matrix, rate: float, y: Vector, rows: Rows, k: int, out: Matrix) -> bool:
+def linearize_row(Q: Matrix, rate: float, y: Vector, rows: ObservationRows, k: int, out: Matrix) -> bool:
     """Residual and Jacobians of row k of point y (3,), weighted, in px; false when the point is behind the camera.
 
     out: (2, 8) receives the residual (column 0), its derivative by a right rotation vector of Q (1:4), by the rate (4)
@@ -67,7 +67,7 @@ def cauchy_weight(residual: Matrix, cauchy: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def linearize_stack(Q: Matrix, rate: float, y: Vector, rows: Rows, cauchy: float, power: int) -> Matrix:
+def linearize_stack(Q: Matrix, rate: float, y: Vector, rows: ObservationRows, cauchy: float, power: int) -> Matrix:
     """All rows of one point y (3,) as (2N, 8) blocks of `linearize_row`, times the root of the Cauchy weight^power.
 
     power 1 is the weight of the iteration (IRLS); power 2 makes J^T J the mean second derivative of the loss. Rows
@@ -82,7 +82,7 @@ def linearize_stack(Q: Matrix, rate: float, y: Vector, rows: Rows, cauchy: float
 
 
 @njit(cache=True, nogil=True)
-def row_errors(Q: Matrix, rate: float, y: Matrix, rows: Rows) -> Vector:
+def row_errors(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows) -> Vector:
     """Unweighted reprojection error of each row in px, (N,); infinite behind the camera."""
     X = np.empty(3)
     out = np.empty(len(rows.dt))
@@ -99,7 +99,7 @@ def row_errors(Q: Matrix, rate: float, y: Matrix, rows: Rows) -> Vector:
 
 
 @njit(cache=True, nogil=True)
-def robust_cost(Q: Matrix, rate: float, y: Matrix, rows: Rows, cauchy: float) -> float:
+def robust_cost(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float) -> float:
     """Sum over rows of Cauchy's (c^2 / 2) log(1 + r^2 / c^2), px^2; c <= 0 means half the squared residual."""
     total = 0.0
     errors = row_errors(Q, rate, y, rows)
@@ -113,7 +113,7 @@ def robust_cost(Q: Matrix, rate: float, y: Matrix, rows: Rows, cauchy: float) ->
 
 
 @njit(cache=True, nogil=True)
-def triangulate(Q: Matrix, rate: float, rows: Rows) -> Matrix:
+def triangulate(Q: Matrix, rate: float, rows: ObservationRows) -> Matrix:
     """Linear start (P, 3) of every point: the least-squares solution of (M0 - x M2) y = e0 - x e2 and its twin in y.
 
     M = Q Rz(-theta), e = Q e_x. Rows are weighted alike, which is right for points of similar depth. A solution
@@ -148,7 +148,7 @@ def triangulate(Q: Matrix, rate: float, rows: Rows) -> Matrix:
 
 
 @njit(cache=True, nogil=True)
-def _place_on_ray(Q: Matrix, rate: float, rows: Rows, k: int, y: Vector) -> None:
+def _place_on_ray(Q: Matrix, rate: float, rows: ObservationRows, k: int, y: Vector) -> None:
     """Write into y (3,) the point on the ray of row k that is nearest to the axis."""
     theta = 2 * np.pi * rate * rows.dt[k]
     c, s = np.cos(theta), np.sin(theta)

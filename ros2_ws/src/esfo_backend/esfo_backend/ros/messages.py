@@ -138,7 +138,7 @@ def estimate_from(message: msg.OrbitEstimate, points: PointCloud2 | None) -> Orb
         axis_cov=np.array(message.axis_covariance).reshape(2, 2),
         points=X,
         point_rms_px=rms,
-        point_rows=rows,
+        point_observations=rows,
         tracks=message.tracks,
         observations=message.observations,
         revolutions=message.revolutions,
@@ -174,7 +174,7 @@ def points_message(estimate: OrbitEstimate, spin: Spin, header: Header) -> Point
     X = estimate.points @ object_frame(spin.axis)
     for i, name in enumerate("xyz"):
         cloud[name] = X[:, i]
-    cloud["rms_px"], cloud["rows"] = estimate.point_rms_px, estimate.point_rows
+    cloud["rms_px"], cloud["rows"] = estimate.point_rms_px, estimate.point_observations
     kinds = {"f": PointField.FLOAT32, "u": PointField.UINT32}
     fields = [
         PointField(name=name, offset=4 * i, datatype=kinds[cloud.dtype[i].kind], count=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from esfo_core.orbit import NANOSECONDS, Matrix
+from esfo_core.orbit import NS_PER_S, Matrix
 from esfo_core.tracks import Tracks
 
 _LEAST_ROWS = 4
@@ -22,14 +22,14 @@ _DISTANCES = 40
 
 
 @dataclass(frozen=True)
-class NoPeriod:
+class AperiodicCause:
     """A sentence and the flag of the verdict."""
 
     reason: str
     flag: str
 
 
-def why_no_period(tracks: Tracks, duration_s: float, min_points: int, focal_px: float) -> NoPeriod:
+def explain_aperiodic(tracks: Tracks, duration_s: float, min_points: int, focal_px: float) -> AperiodicCause:
     """Look at how tracks move. duration_s: length of the recording.
 
     A point of a spinning object moves by at most 2 pi times the image radius of the object in a turn, times what its
@@ -38,11 +38,13 @@ def why_no_period(tracks: Tracks, duration_s: float, min_points: int, focal_px: 
     ends = _ends(tracks)
     moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MOVES_PX
     if moving.sum() < min_points:
-        return NoPeriod(f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "not_a_rotation")
+        return AperiodicCause(
+            f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "not_a_rotation"
+        )
     ends = Ends(ends.uv[:, moving], ends.s[:, moving])
     spread = translation_spread(ends)
     if spread < _SAME_VELOCITY:
-        return NoPeriod(
+        return AperiodicCause(
             f"{_MOST:.0%} of the tracks move as in a translation, within {spread:.0%} of their speed", "not_a_rotation"
         )
     place = tracks.uv - np.median(tracks.uv, axis=0)
@@ -52,10 +54,10 @@ def why_no_period(tracks: Tracks, duration_s: float, min_points: int, focal_px: 
     r = radius / np.hypot(radius, focal_px)
     turns = ends.speed * duration_s / (2 * np.pi * radius) * np.sqrt((1 - r) / (1 + r))
     if turns >= _ONE_TURN:
-        return NoPeriod(
+        return AperiodicCause(
             f"a rotation that moves like this would have turned {turns:.1f} times or more", "not_a_rotation"
         )
-    return NoPeriod("less than a turn may have been seen", "too_few_turns")
+    return AperiodicCause("less than a turn may have been seen", "too_few_turns")
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ def _ends(tracks: Tracks) -> Ends:
     _, first, count = np.unique(ordered.track_id, return_index=True, return_counts=True)
     enough = count >= _LEAST_ROWS
     rows = np.stack([first[enough], (first + count - 1)[enough]])
-    s = (ordered.t - ordered.t.min(initial=np.iinfo(np.int64).max)) / NANOSECONDS
+    s = (ordered.t - ordered.t.min(initial=np.iinfo(np.int64).max)) / NS_PER_S
     seconds: Matrix = s[rows]
     seconds[1] = np.maximum(seconds[1], seconds[0] + 1e-9)
     return Ends(ordered.uv[rows].astype(np.float64), seconds)

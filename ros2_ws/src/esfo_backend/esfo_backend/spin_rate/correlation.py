@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS, Matrix, Vector
+from esfo_core.orbit import NS_PER_S, Matrix, Vector
 
 _UPSAMPLING = 16
 _SMOOTHING_BINS = 1.5
@@ -75,7 +75,7 @@ def fourier_rate(activity: Activity, window_s: float) -> float:
     Raises BackendError when there are fewer than four windows.
     """
     per_bin = activity.counts.sum(axis=(1, 2), dtype=np.float64)
-    width = max(1, round(window_s * NANOSECONDS / activity.bin))
+    width = max(1, round(window_s * NS_PER_S / activity.bin))
     windows = len(per_bin) // width
     if windows < 4:
         raise BackendError(f"{len(per_bin)} bins of activity are too few for windows of {window_s} s")
@@ -87,7 +87,7 @@ def fourier_rate(activity: Activity, window_s: float) -> float:
     mean_x[seen] = counts[seen] @ columns / total[seen]
     mean_x[~seen] = mean_x[seen].mean() if seen.any() else 0.0
     power = np.abs(np.fft.rfft(mean_x - mean_x.mean())) ** 2
-    return float((1 + np.argmax(power[1:])) / (windows * width * activity.bin / NANOSECONDS))
+    return float((1 + np.argmax(power[1:])) / (windows * width * activity.bin / NS_PER_S))
 
 
 def correlation_rate(activity: Activity, options: SpinRateOptions) -> SpinRate:
@@ -109,7 +109,7 @@ def period_of(features: Matrix, bin_ns: int, options: SpinRateOptions) -> SpinRa
     if not len(peaks):
         raise BackendError("the event stream does not repeat: its correlation has no peak")
     best = _interpolated_peak(features, int(peaks[np.argmax(r[peaks])]))
-    in_hz = NANOSECONDS / bin_ns
+    in_hz = NS_PER_S / bin_ns
     lag, multiples = best, []
     shortest = float(peaks[0]) - 1  # before the first peak images are alike because little has moved
     for divisor in range(LARGEST_HARMONIC, 1, -1):

@@ -1,7 +1,7 @@
 """The spin rate of an object that slows down or speeds up, from the event stream.
 
-Time is bent so that an object whose rate changes evenly turns evenly, and the bent stream is searched for a period like
-any other. The bend at which it repeats best is the slope.
+Time is warped so that an object whose rate changes evenly turns evenly, and the warped stream is searched for a period
+like any other. The relative slope of the rate at which it repeats best is the estimate.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from scipy.optimize import minimize_scalar
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
-from esfo_backend.orbit.parametrization import Observations, Rows
+from esfo_backend.orbit.parametrization import ObservationRows, Observations
 from esfo_backend.spin_rate.correlation import SpinRate, autocorrelation, counts_of, features_of, peaks_of, period_of
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS, Matrix, Vector
+from esfo_core.orbit import NS_PER_S, Matrix, Vector
 
 _STEEPEST = 1.9
 """Largest change of the rate over the recording, relative to its mean; at 2 the object stands still at one end."""
-_BENDS = 77
+_SLOPES = 77
 _QUIET = 0.15
 """Share of the peak activity below which the beginning and the end of a recording are taken for rest."""
 _SMOOTH_S = 0.025
@@ -35,27 +35,28 @@ _READING_BINS = 0.1
 
 
 @dataclass(frozen=True)
-class ChangingRate:
-    """A rate that changes evenly: rate.rate_hz (1 + bend s), s in seconds from `middle`, ns.
+class RateRamp:
+    """A rate that changes evenly: rate.rate_hz (1 + relative_slope s), s in seconds from `middle` (ns).
 
-    bend_std: standard deviation of the bend, 1/s. span: ns, the stretch of the recording in which the object moves.
+    relative_slope, relative_slope_std: slope of the rate over the rate, and its standard deviation, 1/s. span: ns, the
+    stretch of the recording in which the object moves.
     """
 
     rate: SpinRate
-    bend: float
-    bend_std: float
+    relative_slope: float
+    relative_slope_std: float
     middle: int
     span: tuple[int, int]
 
     @property
     def slope(self) -> float:
         """Slope of the rate in Hz per second."""
-        return self.rate.rate_hz * self.bend
+        return self.rate.rate_hz * self.relative_slope
 
     @property
     def slope_std(self) -> float:
         """Standard deviation of the slope in Hz per second."""
-        return self.rate.rate_hz * self.bend_std
+        return self.rate.rate_hz * self.relative_slope_std
 
     def __str__(self) -> str:
         ends = " to ".join(f"{self.rate_at(t):.3f}" for t in self.span)
@@ -63,52 +64,52 @@ class ChangingRate:
 
     def rate_at(self, t: int) -> float:
         """Rate in Hz at t ns."""
-        return self.rate.rate_hz * (1 + self.bend * (t - self.middle) / NANOSECONDS)
+        return self.rate.rate_hz * (1 + self.relative_slope * (t - self.middle) / NS_PER_S)
 
 
-def changing_rate(activity: Activity, options: SpinRateOptions) -> ChangingRate:
-    """Search bend and period together. Raises BackendError when the stream does not repeat at any bend."""
+def find_rate_ramp(activity: Activity, options: SpinRateOptions) -> RateRamp:
+    """Search slope and period together. Raises BackendError when the stream does not repeat at any slope."""
     moving = _moving(activity)
     counts = _busiest(counts_of(moving))
-    duration = len(counts) * moving.bin / NANOSECONDS
+    duration = len(counts) * moving.bin / NS_PER_S
 
-    def correlation(bend: float, cells: NDArray[np.int64] | slice = slice(None)) -> float:
-        return _best_correlation(features_of(_bent(counts[:, cells], duration, bend)), options)
+    def correlation(relative_slope: float, cells: NDArray[np.int64] | slice = slice(None)) -> float:
+        return _best_correlation(features_of(_warped(counts[:, cells], duration, relative_slope)), options)
 
-    bends = np.linspace(-_STEEPEST, _STEEPEST, _BENDS) / duration
-    found = [correlation(bend) for bend in bends]
+    slopes = np.linspace(-_STEEPEST, _STEEPEST, _SLOPES) / duration
+    found = [correlation(relative_slope) for relative_slope in slopes]
     best = int(np.argmax(found))
     if found[best] < options.min_correlation:
         raise BackendError(f"the event stream does not repeat at any slope of the rate (correlation {found[best]:.2f})")
-    bend = _refined(correlation, bends, best)
-    rate = period_of(features_of(_bent(counts, duration, bend)), moving.bin, options)
-    step = (bends[1] - bends[0]) / 2
-    std = _jackknife(counts, lambda cells: _vertex(lambda b: correlation(b, cells), bend, step))
-    # Bend x duration^2 / 8 is by how much time is bent in the middle, against the ends.
-    reading = 8 * _READING_BINS * moving.bin / NANOSECONDS / duration**2
+    relative_slope = _refined(correlation, slopes, best)
+    rate = period_of(features_of(_warped(counts, duration, relative_slope)), moving.bin, options)
+    step = (slopes[1] - slopes[0]) / 2
+    std = _jackknife(counts, lambda cells: _vertex(lambda b: correlation(b, cells), relative_slope, step))
+    # Slope x duration^2 / 8 is by how much time is warped in the middle, against the ends.
+    reading = 8 * _READING_BINS * moving.bin / NS_PER_S / duration**2
     middle = moving.t0 + len(counts) * moving.bin // 2
-    return ChangingRate(rate, bend, float(np.hypot(std, reading)), middle, (moving.t0, moving.end))
+    return RateRamp(rate, relative_slope, float(np.hypot(std, reading)), middle, (moving.t0, moving.end))
 
 
-def bent(obs: Observations, changing: ChangingRate) -> Observations:
-    """Rows of the moving stretch at bent times, in which the object turns evenly, from `changing.middle` on.
+def warp_times(obs: Observations, ramp: RateRamp) -> Observations:
+    """Rows of the moving stretch at warped times, counted from `ramp.middle`, at which the object turns evenly.
 
     Raises BackendError when no row lies in the stretch.
     """
-    s = obs.rows.dt + (obs.t_ref - changing.middle) / NANOSECONDS
-    limits = [(t - changing.middle) / NANOSECONDS for t in changing.span]
+    s = obs.rows.dt + (obs.t_ref - ramp.middle) / NS_PER_S
+    limits = [(t - ramp.middle) / NS_PER_S for t in ramp.span]
     inside = obs.part((s >= limits[0]) & (s <= limits[1]), 2)
     if not inside.points:
         raise BackendError("no track lies where the object moves")
-    s = inside.rows.dt + (obs.t_ref - changing.middle) / NANOSECONDS
+    s = inside.rows.dt + (obs.t_ref - ramp.middle) / NS_PER_S
     _, xy, weight, first, focal = inside.rows
-    return Observations(Rows(s + changing.bend * s * s / 2, xy, weight, first, focal), changing.middle)
+    return Observations(ObservationRows(s + ramp.relative_slope * s * s / 2, xy, weight, first, focal), ramp.middle)
 
 
 def _moving(activity: Activity) -> Activity:
     """Cut rest from the beginning and the end."""
     total = activity.counts.sum(axis=(1, 2, 3), dtype=np.float64)
-    smooth = uniform_filter1d(total, max(1, round(_SMOOTH_S * NANOSECONDS / activity.bin)))
+    smooth = uniform_filter1d(total, max(1, round(_SMOOTH_S * NS_PER_S / activity.bin)))
     busy = np.flatnonzero(smooth > _QUIET * smooth.max(initial=0.0))
     if not len(busy):
         raise BackendError("no events were counted")
@@ -122,16 +123,16 @@ def _busiest(counts: Matrix) -> Matrix:
     return np.asarray(counts[:, np.sort(np.argsort(-power, kind="stable")[:_MOST_CELLS])])
 
 
-def _bent(counts: Matrix, duration: float, bend: float) -> Matrix:
-    """Counts (B, C) in as many bins that are equal in w = s + bend s^2 / 2, s seconds from the middle.
+def _warped(counts: Matrix, duration: float, relative_slope: float) -> Matrix:
+    """Counts (B, C) in as many bins that are equal in w = s + relative_slope s^2 / 2, s seconds from the middle.
 
     Counts are shared out as if even within a bin.
     """
     edges = np.array([-duration, duration]) / 2
-    low, high = edges + bend * edges**2 / 2
+    low, high = edges + relative_slope * edges**2 / 2
     w = np.linspace(low, high, len(counts) + 1)
-    # The root that stays with w for small bends, in the form that does not cancel.
-    s = 2 * w / (1 + np.sqrt(np.maximum(1 + 2 * bend * w, 0.0)))
+    # The root that stays with w for small slopes, in the form that does not cancel.
+    s = 2 * w / (1 + np.sqrt(np.maximum(1 + 2 * relative_slope * w, 0.0)))
     position = (s / duration + 0.5) * len(counts)
     total = np.concatenate([np.zeros((1, counts.shape[1])), np.cumsum(counts, axis=0)])
     whole = np.clip(position.astype(np.int64), 0, len(counts) - 1)
@@ -143,7 +144,7 @@ def _bent(counts: Matrix, duration: float, bend: float) -> Matrix:
 def _best_correlation(features: Matrix, options: SpinRateOptions) -> float:
     """Highest peak of the correlation that stands out from the valley before it, -1 where there is none.
 
-    Read between the bins by a parabola: otherwise the bend that makes the period a whole number of bins would win.
+    Read between the bins by a parabola: otherwise the slope that makes the period a whole number of bins would win.
     """
     if not features.shape[1]:
         return -1.0
@@ -156,19 +157,22 @@ def _best_correlation(features: Matrix, options: SpinRateOptions) -> float:
     return float((top + (left - right) ** 2 / (8 * np.maximum(2 * top - left - right, 1e-12))).max())
 
 
-def _refined(correlation: Callable[[float], float], bends: Vector, best: int) -> float:
-    low, high = bends[max(best - 1, 0)], bends[min(best + 1, len(bends) - 1)]
+def _refined(correlation: Callable[[float], float], slopes: Vector, best: int) -> float:
+    low, high = slopes[max(best - 1, 0)], slopes[min(best + 1, len(slopes) - 1)]
     found = minimize_scalar(
-        lambda bend: -correlation(bend), bounds=(low, high), method="bounded", options={"xatol": 1e-3 * (high - low)}
+        lambda relative_slope: -correlation(relative_slope),
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 1e-3 * (high - low)},
     )
     return float(found.x)
 
 
-def _vertex(correlation: Callable[[float], float], bend: float, step: float) -> float:
-    """Maximum of the parabola through three values about a bend that is close to it."""
-    left, middle, right = (correlation(bend + k * step) for k in (-1, 0, 1))
+def _vertex(correlation: Callable[[float], float], relative_slope: float, step: float) -> float:
+    """Maximum of the parabola through three values about a slope that is close to it."""
+    left, middle, right = (correlation(relative_slope + k * step) for k in (-1, 0, 1))
     curve = left - 2 * middle + right
-    return bend + step * float(np.clip(0.5 * (left - right) / curve, -1, 1)) if curve < 0 else bend
+    return relative_slope + step * float(np.clip(0.5 * (left - right) / curve, -1, 1)) if curve < 0 else relative_slope
 
 
 def _jackknife(counts: Matrix, estimate: Callable[[NDArray[np.int64]], float]) -> float:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
 from esfo_backend.adjustment.consider_bias import SLOPE, gauss_newton, reduced_equations
 from esfo_backend.orbit.parametrization import Observations
 
 
 @dataclass(frozen=True)
-class RateDrift:
+class RateSlope:
     """Slope of the rate with its standard deviation, Hz per second."""
 
     slope: float
@@ -24,7 +24,7 @@ class RateDrift:
         return abs(self.slope) / self.std if self.std > 0 else np.inf
 
 
-def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateDrift:
+def rate_slope(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateSlope:
     """Estimate the slope g in theta = 2 pi (f dt + g dt^2 / 2) by one Gauss-Newton step from the constant-rate optimum.
 
     Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation
@@ -33,4 +33,4 @@ def rate_drift(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px:
     motion = solution.motion
     equations = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px)
     step, covariance = gauss_newton(equations, np.arange(SLOPE + 1), bias_px)
-    return RateDrift(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))
+    return RateSlope(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))

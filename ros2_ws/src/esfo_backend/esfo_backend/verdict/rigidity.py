@@ -15,7 +15,7 @@ from gtsam import Rot3
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from esfo_backend.adjustment.bundle_adjustment import Adjusted, adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, gauss_newton, reduced_equations
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.orbit.parametrization import Observations
@@ -35,24 +35,24 @@ _LEAST_PAIRS = 50
 
 
 @dataclass(frozen=True)
-class Constancy:
+class Rigidity:
     """How far the motion departs from one rotation about one fixed axis.
 
-    wander_deg: standard deviation of the orientation of the orbit over segments, beyond what their deviations explain.
-    wander_z: its significance. missed_px: by how much the image one turn later is shifted or grown; missed_z: its
-    significance. missed_turns: the part of a turn that would move a point at the object's image radius as far.
-    Significances are in standard deviations; 0 where the data cannot say.
+    axis_wander_deg: standard deviation of the orientation of the orbit over segments, beyond what their own deviations
+    explain. axis_wander_z: its significance. closure_error_px: by how much the image one revolution later is shifted or
+    grown. closure_error_z: its significance. closure_error_revolutions: the part of a revolution that would move a
+    point at the object's image radius as far. Significances are in standard deviations; 0 where the data cannot say.
     """
 
-    wander_deg: float
-    wander_z: float
-    missed_px: float
-    missed_z: float
-    missed_turns: float
+    axis_wander_deg: float
+    axis_wander_z: float
+    closure_error_px: float
+    closure_error_z: float
+    closure_error_revolutions: float
 
 
 def widened(
-    covariance: MotionCovariance, motion: Constancy, rate_hz: float, turns_rad: float, least_z: float
+    covariance: MotionCovariance, motion: Rigidity, rate_hz: float, turns_rad: float, least_z: float
 ) -> MotionCovariance:
     """Add what a motion that is not quite one rotation leaves open, by what is significant to least_z.
 
@@ -60,20 +60,24 @@ def widened(
     seen from elsewhere, as if its axis turned. turns_rad: by how many radians to either side of the mean over the
     recording for each pixel that it shifts in a turn, that is half the turns over the focal length.
     """
-    wander_deg = motion.wander_deg if motion.wander_z > least_z else 0.0
-    missed_px, missed_turns = (motion.missed_px, motion.missed_turns) if motion.missed_z > least_z else (0.0, 0.0)
-    rate_std = float(np.hypot(covariance.rate_std_hz, rate_hz * missed_turns))
-    turned = np.radians(wander_deg) ** 2 + (turns_rad * missed_px) ** 2
+    axis_wander_deg = motion.axis_wander_deg if motion.axis_wander_z > least_z else 0.0
+    closure_error_px, closure_error_revolutions = (
+        (motion.closure_error_px, motion.closure_error_revolutions) if motion.closure_error_z > least_z else (0.0, 0.0)
+    )
+    rate_std = float(np.hypot(covariance.rate_std_hz, rate_hz * closure_error_revolutions))
+    turned = np.radians(axis_wander_deg) ** 2 + (turns_rad * closure_error_px) ** 2
     return MotionCovariance(rate_std, covariance.axis_cov + turned * np.eye(2))
 
 
-def constancy(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float) -> Constancy:
+def rigidity(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float) -> Rigidity:
     """Measure how constant the motion is."""
-    return Constancy(*_wander(solution, obs, cauchy_px, bias_px), *_missed(obs, solution.motion.rate_hz))
+    return Rigidity(*_axis_wander(solution, obs, cauchy_px, bias_px), *_closure_error(obs, solution.motion.rate_hz))
 
 
-def _missed(obs: Observations, rate_hz: float) -> tuple[float, float, float]:
-    """Return missed_px, missed_z, missed_turns: set each point seen beside the one seen nearest to it one turn later.
+def _closure_error(obs: Observations, rate_hz: float) -> tuple[float, float, float]:
+    """Return closure_error_px, closure_error_z, closure_error_revolutions.
+
+    Each point is set beside the one that is seen nearest to it one revolution later.
 
     The displacements are fitted (Cauchy, 1 px) by a shift, a growth and a delay along the motion; the delay is an error
     of the rate, and not counted.
@@ -97,8 +101,8 @@ def _missed(obs: Observations, rate_hz: float) -> tuple[float, float, float]:
     fitted, covariance = _robust_fit(design, moved, point[k])
     missed = fitted[:3]
     squared = float(missed @ np.linalg.pinv(covariance[:3, :3], hermitian=True) @ missed)
-    missed_px = float(np.linalg.norm(missed))
-    return missed_px, _significance(squared, 3), missed_px / (2 * np.pi * radius)
+    closure_error_px = float(np.linalg.norm(missed))
+    return closure_error_px, _significance(squared, 3), closure_error_px / (2 * np.pi * radius)
 
 
 def _at_common_times(obs: Observations, rate_hz: float) -> tuple[Matrix, Matrix, NDArray[np.int64], NDArray[np.int64]]:
@@ -143,7 +147,7 @@ def _significance(chi2: float, freedom: int) -> float:
     return max(float((np.cbrt(chi2 / freedom) - (1 - shrink)) / np.sqrt(shrink)), 0.0)
 
 
-def _wander(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float) -> tuple[float, float]:
+def _axis_wander(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float) -> tuple[float, float]:
     span = float(np.ptp(obs.rows.dt))
     count = int(np.clip(_PER_TURN * solution.motion.rate_hz * span, _LEAST, _MOST))
     segment = np.minimum(((obs.rows.dt - obs.rows.dt.min()) / span * count).astype(np.int64), count - 1)
@@ -162,7 +166,9 @@ def _wander(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: fl
     return float(np.degrees(np.sqrt(max(excess, 0.0) / spread))), _significance(Q, freedom)
 
 
-def _segment(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: float) -> tuple[Vector, Matrix] | None:
+def _segment(
+    solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float
+) -> tuple[Vector, Matrix] | None:
     """Rotation vector (3,) from the motion of the whole to that of the segment, and its covariance; None: too few."""
     if obs.points < _LEAST_POINTS:
         return None
@@ -173,7 +179,7 @@ def _segment(solution: Adjusted, obs: Observations, cauchy_px: float, bias_px: f
         label[most] = np.arange(_MOST_POINTS)
         obs = obs.regroup(label)
     motion = solution.motion
-    own = adjust(motion, linear_points(motion, obs), obs, cauchy_px, iterations=_ITERATIONS)
+    own = bundle_adjustment(motion, linear_points(motion, obs), obs, cauchy_px, iterations=_ITERATIONS)
     equations = reduced_equations(own.motion.Q, own.motion.rate_hz, own.y, obs.rows, cauchy_px)
     _, covariance = gauss_newton(equations, np.arange(COLUMNS)[MOTION], bias_px)
     if not np.isfinite(covariance).all():

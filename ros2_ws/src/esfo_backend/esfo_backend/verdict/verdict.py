@@ -8,8 +8,8 @@ import numpy as np
 
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.options import VerdictOptions
-from esfo_backend.verdict.rate_slope import RateDrift
-from esfo_backend.verdict.rigidity import Constancy
+from esfo_backend.verdict.rate_slope import RateSlope
+from esfo_backend.verdict.rigidity import Rigidity
 from esfo_core.estimate import Alternative, Status
 from esfo_core.orbit import Vector, angle_between
 
@@ -37,8 +37,8 @@ class Evidence:
     inliers: float
     alternatives: tuple[Alternative, ...]
     harmonic_z: float
-    drift: RateDrift
-    constancy: Constancy
+    rate_slope: RateSlope
+    rigidity: Rigidity
     revolutions: float
     duration_s: float
 
@@ -78,7 +78,7 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
 
 def unconfirmed(recurring: int | None, options: VerdictOptions) -> bool:
     """Whether too few points came round again to take the period for one. recurring: as in `Evidence`."""
-    return recurring is not None and recurring < options.min_recurring
+    return recurring is not None and recurring < options.min_reobserved
 
 
 def moves_on(recurring: int | None, repeatable: int) -> bool:
@@ -86,29 +86,33 @@ def moves_on(recurring: int | None, repeatable: int) -> bool:
     return recurring is not None and recurring < _MOST * repeatable
 
 
-def rate_changes(drift: RateDrift, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
+def rate_changes(slope: RateSlope, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
     """Whether a slope of the rate is significant, and large enough to matter over the recording."""
-    return drift.significance > options.drift_z and abs(drift.slope) * duration_s > options.max_drift * rate_hz
+    return (
+        slope.significance > options.rate_slope_z and abs(slope.slope) * duration_s > options.max_rate_change * rate_hz
+    )
 
 
 def _doubts(evidence: Evidence, options: VerdictOptions) -> list[tuple[str, str]]:
     """Flag and sentence of everything that makes the motion another one than it seems, the gravest first."""
     found = []
-    motion, drift = evidence.constancy, evidence.drift
-    if motion.wander_z > options.constancy_z and motion.wander_deg > options.max_wander_deg:
+    motion, slope = evidence.rigidity, evidence.rate_slope
+    if motion.axis_wander_z > options.rigidity_z and motion.axis_wander_deg > options.max_axis_wander_deg:
         found.append(
-            ("not_a_rotation", f"not one rotation: the axis wanders by {motion.wander_deg:.2f} degrees or more")
+            ("not_a_rotation", f"not one rotation: the axis wanders by {motion.axis_wander_deg:.2f} degrees or more")
         )
-    elif motion.missed_z > options.constancy_z and motion.missed_px > options.max_missed_px:
-        found.append(("not_a_rotation", f"not one rotation: one turn later the image is {motion.missed_px:.2f} px off"))
-    if rate_changes(drift, evidence.rate_hz, evidence.duration_s, options):
+    elif motion.closure_error_z > options.rigidity_z and motion.closure_error_px > options.max_closure_error_px:
+        found.append(
+            ("not_a_rotation", f"not one rotation: one turn later the image is {motion.closure_error_px:.2f} px off")
+        )
+    if rate_changes(slope, evidence.rate_hz, evidence.duration_s, options):
         found.append(
             (
                 "rate_not_constant",
-                f"the rate is not constant: it changes by {drift.slope:+.5f} +- {drift.std:.5f} Hz per second",
+                f"the rate is not constant: it changes by {slope.slope:+.5f} +- {slope.std:.5f} Hz per second",
             )
         )
-    if evidence.revolutions < options.min_turns:
+    if evidence.revolutions < options.min_revolutions:
         found.append(
             ("too_few_turns", f"{evidence.revolutions:.2f} turns were seen: no point was seen again at its first place")
         )
@@ -131,7 +135,7 @@ def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
     if evidence.points < options.min_points:
         return f"only {evidence.points} points follow one rotation; {options.min_points} are needed", "too_few_points"
     if unconfirmed(evidence.recurring, options):
-        return f"only {evidence.recurring} points came round again; {options.min_recurring} are needed", ""
+        return f"only {evidence.recurring} points came round again; {options.min_reobserved} are needed", ""
     if evidence.inliers < options.min_inliers:
         return (
             f"only {evidence.inliers:.0%} of the tracks follow one rotation; {options.min_inliers:.0%} are needed",

@@ -193,11 +193,11 @@ def measure_orbit(scene: TrueScene, preset: str, settings: RunSettings, tracked:
 
 def _at_the_start(backend: Backend, tracked: TrackedScene, scene: TrueScene) -> tuple[tuple[float, float], str]:
     """Return the registration of the points that the optimisation began with, and what became of COLMAP."""
-    start = backend.last_start
+    start = backend.last_initialisation
     if start is None:
         return _NOWHERE, "none"
-    obs, _ = observations(tracked.tracks, scene.camera, backend.options.start.min_rows)
-    spin, points = spin_and_points(start.adjusted.motion, start.adjusted.y, obs.t_ref, scene.spin.t0)
+    obs, _ = observations(tracked.tracks, scene.camera, backend.options.initialisation.min_observations)
+    spin, points = spin_and_points(start.solution.motion, start.solution.y, obs.t_ref, scene.spin.t0)
     model = start.colmap
     taken = "*" * (start.name == "colmap")
     colmap = "none" if model is None else f"{model.registered}/{model.views}, {model.rms_px:.2f}{taken}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from esfo_bringup.progress import follow
 from esfo_core.errors import RecordingError
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.recordings import Recording
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend
@@ -84,7 +84,7 @@ def measure_throughput(recording: Recording, options: FrontendOptions) -> Throug
         raise RecordingError(f"{recording.path}: no events")
     with found.stage("front-end"):
         frontend.flush()
-    found.duration_s = (last - first) / NANOSECONDS
+    found.duration_s = (last - first) / NS_PER_S
     return found
 
 

@@ -18,7 +18,7 @@ from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import follow
 from esfo_core.camera import Camera
 from esfo_core.evaluation.track_error import SHORTEST, fit_tracks
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.recordings import ReadingOptions, open_recording
 from esfo_core.recordings.event_camera_dataset import SENSOR, read_calib, read_groundtruth
 from esfo_core.tracks import Tracks
@@ -118,7 +118,7 @@ def measure_tracks(folder: Path, preset: str, options: FrontendOptions) -> Track
         folder.name,
         preset,
         frontend.statistics,
-        (end - (begin or 0)) / NANOSECONDS,
+        (end - (begin or 0)) / NS_PER_S,
         _ages(tracks),
         accuracies,
         outside,
@@ -129,7 +129,7 @@ def measure_tracks(folder: Path, preset: str, options: FrontendOptions) -> Track
 def _ages(tracks: Tracks) -> NDArray[np.float64]:
     _, first, count = np.unique(tracks.track_id, return_index=True, return_counts=True)
     first, count = first[count >= SHORTEST], count[count >= SHORTEST]
-    return np.asarray((tracks.t[first + count - 1] - tracks.t[first]) / NANOSECONDS)
+    return np.asarray((tracks.t[first + count - 1] - tracks.t[first]) / NS_PER_S)
 
 
 def _accuracies(tracks: Tracks, folder: Path, camera: Camera) -> tuple[tuple[Accuracy, ...], int]:

@@ -11,7 +11,7 @@ from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.progress import follow
 from esfo_core.events import EventArray
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.recordings import Recording
 
 PEAK_WINDOW_NS = 10_000_000
@@ -85,17 +85,17 @@ def _camera(recording: Recording) -> str:
 def _times(recording: Recording, course: Course) -> list[tuple[str, str]]:
     s = recording.statistics
     first, last = s.first_t or 0, s.last_t or 0
-    duration = (last - first) / NANOSECONDS
+    duration = (last - first) / NS_PER_S
     mean = f"{s.events / duration / 1e6:.3f} Mev/s mean, " if duration else ""
-    peak = course.peak / (PEAK_WINDOW_NS / NANOSECONDS) / 1e6
-    gaps = f"{course.gaps} without events for over {GAP_NS / NANOSECONDS:g} s"
+    peak = course.peak / (PEAK_WINDOW_NS / NS_PER_S) / 1e6
+    gaps = f"{course.gaps} without events for over {GAP_NS / NS_PER_S:g} s"
     if course.gaps:
-        start = (course.gap_start - first) / NANOSECONDS
-        gaps += f", the longest {course.longest_gap / NANOSECONDS:.6f} s, {start:.6f} s after the first event"
+        start = (course.gap_start - first) / NS_PER_S
+        gaps += f", the longest {course.longest_gap / NS_PER_S:.6f} s, {start:.6f} s after the first event"
     return [
         ("duration", f"{duration:.6f} s"),
-        ("rate", f"{mean}{peak:.3f} Mev/s in the busiest {PEAK_WINDOW_NS / NANOSECONDS:g} s"),
-        ("sensor time", f"{first / NANOSECONDS:.6f} to {last / NANOSECONDS:.6f} s"),
+        ("rate", f"{mean}{peak:.3f} Mev/s in the busiest {PEAK_WINDOW_NS / NS_PER_S:g} s"),
+        ("sensor time", f"{first / NS_PER_S:.6f} to {last / NS_PER_S:.6f} s"),
         ("host time", _host_time(s.host_offset)),
         ("gaps", gaps),
     ]
@@ -104,7 +104,7 @@ def _times(recording: Recording, course: Course) -> list[tuple[str, str]]:
 def _host_time(offset: int | None) -> str:
     if offset is None:
         return "not in the recording"
-    return f"sensor time {offset / NANOSECONDS:+.6f} s, by the stamp of the first packet with events"
+    return f"sensor time {offset / NS_PER_S:+.6f} s, by the stamp of the first packet with events"
 
 
 def _losses(recording: Recording) -> list[tuple[str, str]]:

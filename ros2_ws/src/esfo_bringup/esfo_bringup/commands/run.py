@@ -13,7 +13,7 @@ from esfo_bringup.commands.arguments import Commands, add_run_arguments, check_o
 from esfo_bringup.offline.pipeline import run_offline, track_offline
 from esfo_bringup.offline.source import Source
 from esfo_bringup.result_bag.opening import CONTENTS, EventRecorder, ResultBag
-from esfo_bringup.results.event_image import Exposure
+from esfo_bringup.results.event_image import EventImage
 from esfo_bringup.settings import RunSettings
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
@@ -49,7 +49,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.until == "tracks":
         return _track(source, settings, args.output)
     Thread(target=_load_ahead, daemon=True).start()  # while the recording is read
-    exposure = Exposure(source.recording.width, source.recording.height)
+    exposure = EventImage(source.recording.width, source.recording.height)
     activity: list[Activity] = []
 
     def listen(events: EventArray, output: FrontendOutput) -> None:

@@ -12,7 +12,7 @@ from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
 from esfo_core.options import parse_assignments, replace
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_simulation.handheld.rooms import ROOMS
 from esfo_simulation.handheld.scene import HandheldOptions
 from esfo_simulation.objects.catalogue import OBJECTS
@@ -102,7 +102,7 @@ def _topspin(base: SceneOptions, folder: Path) -> int:
 def _say(truth: Truth, path: Path) -> None:
     spin, kind = truth.spin, truth.motion.kind.replace("_", " ")
     x, y, z = spin.axis
-    seconds = (truth.span[1] - truth.span[0]) / NANOSECONDS
+    seconds = (truth.span[1] - truth.span[0]) / NS_PER_S
     print(f"written     {path}: {truth.events} events in {seconds:.3f} s{_lost(truth.lost)}")
     print(f"truth       {kind}, {spin.rate_hz} Hz about ({x:+.4f}, {y:+.4f}, {z:+.4f}), {path.stem}.truth.json")
 

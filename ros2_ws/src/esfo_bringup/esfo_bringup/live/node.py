@@ -28,7 +28,7 @@ from esfo_bringup.live.processes import NodeProcess, NodeProcesses
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source, with_source
 from esfo_bringup.result_bag.opening import bag_path
-from esfo_bringup.results.event_image import Exposure
+from esfo_bringup.results.event_image import EventImage
 from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
@@ -63,7 +63,7 @@ class CollectorNode(Node):  # type: ignore[misc]
 
     @property
     def observations(self) -> int:
-        """Rows received."""
+        """ObservationRows received."""
         return sum(len(t) for t in self.tracks)
 
     def _on_tracks(self, message: FeatureTracks) -> None:
@@ -134,7 +134,7 @@ def run_live(source: Source, args: argparse.Namespace, folder: Path) -> tuple[Ru
 
 
 def _start(source: Source, args: argparse.Namespace, folder: Path, processes: NodeProcesses) -> NodeProcess:
-    """Start the three nodes with a configuration in which nothing may be lost; return the replay."""
+    """Initialisation the three nodes with a configuration in which nothing may be lost; return the replay."""
     camera = folder / "camera.yaml"
     source.camera.write_yaml(camera)
     chosen = share_out(parse_assignments(args.set))
@@ -216,7 +216,7 @@ def main() -> int:
         bag = bag_path(args.output, source)
         with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
             result, activity = run_live(source, args, Path(folder))
-        exposure = Exposure(source.recording.width, source.recording.height)
+        exposure = EventImage(source.recording.width, source.recording.height)
         for events in source.recording.chunks():
             exposure.add(events)
         write_results(result, source, exposure, activity, args.output)

@@ -82,7 +82,7 @@ class NodeProcesses:
         self._nodes: list[NodeProcess] = []
 
     def start(self, package: str, name: str, parameters: Mapping[str, object]) -> NodeProcess:
-        """Start a node."""
+        """Initialisation a node."""
         node = NodeProcess(find_executable(package, name), parameters, self._folder)
         self._nodes.append(node)
         return node

@@ -70,7 +70,9 @@ def run_offline(
         backend.tell_stages(lambda name: next_stage(bar, name))
         estimate = with_source(backend.solve(), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
-    return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_start_note)
+    return RunResult(
+        estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_initialisation_note
+    )
 
 
 def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:

@@ -21,14 +21,14 @@ from esfo_bringup.replay.messages import camera_info_message
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks
 from esfo_frontend.overlay import TRAIL_NS, compose, line_pixels, screw_line
 from esfo_frontend.ros.messages import header_at, image_message
 from esfo_ros.diagnostics import diagnostic_message
 from esfo_ros.time_stamps import to_stamp
 
-TF_NS = round(TF_PERIOD_S * NANOSECONDS)
+TF_NS = round(TF_PERIOD_S * NS_PER_S)
 POINTS_NS = 3 * TF_NS
 """Viewers place a cloud by its own stamp alone: it is repeated, so that they see it turn."""
 

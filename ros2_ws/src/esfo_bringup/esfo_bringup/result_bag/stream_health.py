@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from esfo_core.events import EventArray
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_core.recordings import Recording
 from esfo_frontend.frontend import FrontendOutput
 
-_PERIOD_NS = int(NANOSECONDS)
+_PERIOD_NS = int(NS_PER_S)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from esfo_core.events import EventArray, empty_events
 LONGEST_MOMENT_NS = 100_000_000
 
 
-class Exposure:
+class EventImage:
     """Counts the events of a stream per pixel and keeps those of a moment in its second quarter.
 
     The end of a stream is not known while it lasts. So moments begin after 1, 2, 4, ... times `LONGEST_MOMENT_NS`, and

@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from esfo_bringup.offline.pipeline import RunResult
-from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, Exposure
-from esfo_bringup.results.rate_over_time import RateCourse
+from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, EventImage
+from esfo_bringup.results.rate_over_time import RateOverTime
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NANOSECONDS, object_frame
+from esfo_core.orbit import NS_PER_S, object_frame
 
 mpl.use("Agg")
 
@@ -25,13 +25,13 @@ _AXIS_COLOUR = "#d62728"
 _POINT_COLOUR = "#2ca02c"
 
 
-def draw_events(result: RunResult, camera: Camera, exposure: Exposure, path: Path) -> None:
+def draw_events(result: RunResult, camera: Camera, exposure: EventImage, path: Path) -> None:
     """Draw the events of a moment with the projected points, all events with the axis, and the structure."""
     estimate = result.estimate
     spin = estimate.spin
     duration = LONGEST_MOMENT_NS
     if spin is not None:
-        duration = min(duration, round(_SNAPSHOT_TURN / spin.rate_hz * NANOSECONDS))
+        duration = min(duration, round(_SNAPSHOT_TURN / spin.rate_hz * NS_PER_S))
     moment = exposure.moment(duration)
     widths = [1.0, 1.0] if spin is None else [1.0, 1.0, 0.6]
     figure = Figure(figsize=(5.4 * sum(widths), 4.6), layout="constrained")
@@ -53,18 +53,18 @@ def draw_events(result: RunResult, camera: Camera, exposure: Exposure, path: Pat
     figure.savefig(path, dpi=100)
 
 
-def draw_checks(result: RunResult, course: RateCourse, path: Path) -> None:
+def draw_checks(result: RunResult, course: RateOverTime, path: Path) -> None:
     """Draw the rate over time beside the estimate, and how well the points fit. The result has a motion."""
     estimate, spin = result.estimate, result.estimate.spin
     assert spin is not None
     figure = Figure(figsize=(14.0, 3.4), layout="constrained")
     rate, fit = figure.subplots(1, 2, width_ratios=[2.0, 1.0])
-    duration = (estimate.t_last - estimate.t_first) / NANOSECONDS
+    duration = (estimate.t_last - estimate.t_first) / NS_PER_S
     rate.plot(course.t_s, course.rate_hz, "o-", ms=4, lw=1, label="of the event stream, turn by turn")
     t = np.array([0.0, duration])
     line = np.full(2, spin.rate_hz)
     if "rate_not_constant" in estimate.flags and np.isfinite(estimate.rate_slope_hz_s):
-        line += estimate.rate_slope_hz_s * (t - (spin.t0 - estimate.t_first) / NANOSECONDS)
+        line += estimate.rate_slope_hz_s * (t - (spin.t0 - estimate.t_first) / NS_PER_S)
     rate.plot(t, line, color=_AXIS_COLOUR, label="estimate ± 3 standard deviations")
     if np.isfinite(estimate.rate_std_hz):
         rate.fill_between(
@@ -106,7 +106,7 @@ def _structure(panel: Axes, estimate: OrbitEstimate) -> None:
     """Distance from the axis over height along it: a turned object folds onto its profile."""
     assert estimate.spin is not None
     X = estimate.points @ object_frame(estimate.spin.axis)
-    panel.scatter(np.hypot(X[:, 0], X[:, 1]), X[:, 2], s=8, c=estimate.point_rows, cmap="viridis")
+    panel.scatter(np.hypot(X[:, 0], X[:, 1]), X[:, 2], s=8, c=estimate.point_observations, cmap="viridis")
     panel.axvline(0, color=_AXIS_COLOUR, lw=2)
     panel.set_aspect("equal", adjustable="box")
     panel.set_title(f"{len(estimate.points)} points, the light ones seen often")

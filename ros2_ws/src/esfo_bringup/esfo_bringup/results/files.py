@@ -7,16 +7,16 @@ from pathlib import Path
 
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source
-from esfo_bringup.results.event_image import Exposure
+from esfo_bringup.results.event_image import EventImage
 from esfo_bringup.results.figures import draw_checks, draw_events
-from esfo_bringup.results.rate_over_time import rate_course
+from esfo_bringup.results.rate_over_time import rate_over_time
 from esfo_bringup.results.report import write_report
 from esfo_core.activity import Activity
 from esfo_core.result_files import versions, write_result_files
 
 
 def write_results(
-    result: RunResult, source: Source, exposure: Exposure, activity: Sequence[Activity], folder: Path
+    result: RunResult, source: Source, exposure: EventImage, activity: Sequence[Activity], folder: Path
 ) -> None:
     """Write all files but result.mcap into `folder`, which is made; points.ply only where there are points.
 
@@ -28,5 +28,5 @@ def write_results(
     checks = folder / "checks.png"
     checks.unlink(missing_ok=True)
     if estimate.spin is not None:
-        draw_checks(result, rate_course(Activity.concatenate(activity), estimate.spin.rate_hz), checks)
+        draw_checks(result, rate_over_time(Activity.concatenate(activity), estimate.spin.rate_hz), checks)
     write_report(result, source, versions(), folder)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from esfo_backend.spin_rate.correlation import counts_of, features_of
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 
 _PER_TURN = 8
 _LEAST_BINS = 12
@@ -22,33 +22,33 @@ _REACH = 0.15
 
 
 @dataclass(frozen=True)
-class RateCourse:
+class RateOverTime:
     """Mean rates over turns, rate_hz (K,), and middles of these turns, t_s (K,), s since the start of the activity."""
 
     t_s: NDArray[np.float64]
     rate_hz: NDArray[np.float64]
 
 
-def rate_course(activity: Activity, rate_hz: float) -> RateCourse:
+def rate_over_time(activity: Activity, rate_hz: float) -> RateOverTime:
     """Find, for moments an eighth of a turn long, the lag near one turn at which the images are most alike.
 
     rate_hz: rate about which is searched. Moments without a maximum within reach are left out, so K may be 0.
     """
     features = features_of(counts_of(activity))
-    per_second = NANOSECONDS / activity.bin
+    per_second = NS_PER_S / activity.bin
     turn = per_second / rate_hz
     lags = np.arange(int(turn * (1 - _REACH)), int(turn * (1 + _REACH)) + 2)
     width = max(int(turn / _PER_TURN), _LEAST_BINS)
     last = len(features) - int(lags[-1]) - width
     if lags[0] < 2 or last < 0:
-        return RateCourse(np.empty(0), np.empty(0))
+        return RateOverTime(np.empty(0), np.empty(0))
     found = []
     for start in np.unique(np.linspace(0, last, min(_MOST, last // width + 1)).astype(int)):
         lag = _lag(features, slice(start, start + width), lags)
         if lag is not None:
             found.append(((start + width / 2 + lag / 2) / per_second, per_second / lag))
     t, rate = np.array(found).reshape(-1, 2).T
-    return RateCourse(t, rate)
+    return RateOverTime(t, rate)
 
 
 def _lag(features: NDArray[np.float64], rows: slice, lags: NDArray[np.int64]) -> float | None:

@@ -17,7 +17,7 @@ from esfo_core.codecs.base import Decoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray, empty_events, make_events
 
-NANOSECONDS = 1_000_000_000
+NS_PER_S = 1_000_000_000
 CDR_STRIDE = 16
 ROS1_EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nanosec", "<u4"), ("p", "u1")])
 
@@ -37,7 +37,7 @@ class EventArrayDecoder(Decoder):
     def _events(self, pixels: NDArray[Any], times: NDArray[Any]) -> EventArray:
         """Return events from the fields x, y of `pixels` (N,) and sec, nanosec, p of `times` (N,)."""
         t = times["sec"].astype(np.int64)
-        t *= NANOSECONDS
+        t *= NS_PER_S
         t += times["nanosec"]
         if t.min(initial=0) < 0:
             raise RecordingError(f"time {t.min()} ns is negative")

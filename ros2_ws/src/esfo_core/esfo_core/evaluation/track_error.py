@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
-from esfo_core.orbit import NANOSECONDS, Matrix
+from esfo_core.orbit import NS_PER_S, Matrix
 from esfo_core.tracks import Tracks
 
 WorldToCamera = Callable[[NDArray[np.int64]], tuple[NDArray[np.float64], Matrix]]
@@ -52,7 +52,7 @@ class FittedTracks:
     @property
     def age(self) -> NDArray[np.float64]:
         """From first to last row (K,), s."""
-        return np.asarray((self.end - self.begin) / NANOSECONDS)
+        return np.asarray((self.end - self.begin) / NS_PER_S)
 
     @property
     def good(self) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ from esfo_frontend.clustering.hdbscan.spanning_tree import minimum_spanning_tree
 from esfo_frontend.options import ClusterOptions, nanoseconds
 
 NOISE = condensed_tree.NOISE
-NANOSECONDS = 1e9
+NS_PER_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def cluster(corners: EventArray, time_scale: float, options: ClusterOptions) -> 
     """Return the HDBSCAN label (N,) of each corner, -1 for noise; clusters are numbered by their first corner."""
     if len(corners) <= options.min_size:
         return np.full(len(corners), NOISE, np.int64)
-    t = (corners["t"] - corners["t"][0]) * (time_scale / NANOSECONDS)
+    t = (corners["t"] - corners["t"][0]) * (time_scale / NS_PER_S)
     points = np.stack([corners["x"].astype(np.float64), corners["y"].astype(np.float64), t], axis=1)
     return condensed_tree.number_by_first(_ALGORITHMS[options.algorithm](points, options))
 

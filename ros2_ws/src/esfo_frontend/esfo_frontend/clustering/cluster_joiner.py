@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.events import EventArray, empty_events
-from esfo_frontend.clustering.chunk_clusterer import NANOSECONDS, NOISE, SettledClusters
+from esfo_frontend.clustering.chunk_clusterer import NOISE, NS_PER_S, SettledClusters
 from esfo_frontend.options import JoinOptions
 
 
@@ -99,10 +99,10 @@ class ClusterJoiner:
             cluster.ended = cluster.id not in settled.open_ids
 
     def _scaled(self, t: int) -> float:
-        return (t - self._origin) * (self._scale / NANOSECONDS)
+        return (t - self._origin) * (self._scale / NS_PER_S)
 
     def _descriptor(self, corners: EventArray) -> NDArray[np.float64]:
-        t = (corners["t"] - self._origin) * (self._scale / NANOSECONDS)
+        t = (corners["t"] - self._origin) * (self._scale / NS_PER_S)
         return np.array([corners["x"].mean(), corners["y"].mean(), t.mean()])
 
     def _head_known(self, cluster: _Cluster, known: int) -> bool:

@@ -14,7 +14,7 @@ from esfo_core.options import option
 from esfo_core.packets import Packet
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.online.clock_offset import ClockOffset
-from esfo_frontend.online.sequence_tracker import PacketNumbers, Turn
+from esfo_frontend.online.sequence_tracker import SequenceTracker, Turn
 from esfo_frontend.online.stream_health import Health, LiveTotals
 from esfo_frontend.options import FrontendOptions, check_for_sensor, check_options
 
@@ -81,7 +81,7 @@ class LiveFrontend:
         self._frontend = None
         self._running = False
         self._clock = ClockOffset()
-        self._arrivals, self._numbers = PacketNumbers(), PacketNumbers()
+        self._arrivals, self._numbers = SequenceTracker(), SequenceTracker()
 
     def configure(self, options: FrontendOptions) -> None:
         """Use other options from the next packet on, which ends the stream before.

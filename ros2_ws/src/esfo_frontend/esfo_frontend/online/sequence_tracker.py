@@ -23,7 +23,7 @@ class Turn(Enum):
     RESTART = 3
 
 
-class PacketNumbers:
+class SequenceTracker:
     """Follows the numbers of one sender.
 
     lost: numbers missing so far; one that comes after all is taken off again. restarts: times that the count began

@@ -11,7 +11,7 @@ import numpy as np
 
 from esfo_core.camera import Camera
 from esfo_core.options import check, option
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_simulation.handheld.rooms import EVEN_LIGHT, ROOMS
 from esfo_simulation.handheld.schedule import frame_times_in_view
 from esfo_simulation.handheld.trajectory import MOTIONS, HandheldTrajectory, random_trajectory
@@ -54,7 +54,7 @@ class HandheldScene:
 def handheld_scene(options: HandheldOptions, camera: Camera = DAVIS240C) -> HandheldScene:
     """Set a scene up. Raises OptionError for impossible options."""
     check(options)
-    span = (START_NS, START_NS + round(options.duration_s * NANOSECONDS))
+    span = (START_NS, START_NS + round(options.duration_s * NS_PER_S))
     trajectory = random_trajectory(options.motion, span, options.seed, options.speed)
     model = ROOMS[options.scene](options.seed)
     times = frame_times_in_view(trajectory, model, camera, span)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from esfo_core.orbit import NANOSECONDS, Matrix, Vector
+from esfo_core.orbit import NS_PER_S, Matrix, Vector
 
 FORWARD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """Rotation optical frame -> world (x right, y ahead, z up) of a level camera that looks along the world's y axis."""
@@ -65,7 +65,7 @@ class HandheldTrajectory:
         return R, -R @ position
 
     def _offsets(self, t: NDArray[np.generic]) -> Matrix:
-        elapsed = np.asarray(t - self.span[0], np.float64) / NANOSECONDS
+        elapsed = np.asarray(t - self.span[0], np.float64) / NS_PER_S
         start, growth = self.pace
         cycles = elapsed * (start + 0.5 * growth * elapsed)
         angle = 2 * np.pi * self.frequency * cycles[:, None, None] + self.phase

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from esfo_core.errors import SimulationError
 from esfo_core.events import EventArray
 from esfo_core.options import check
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_simulation.render.renderer import Levels
 from esfo_simulation.sensor.illumination import Flicker, low_pass
 from esfo_simulation.sensor.noise import ShotNoise, Variation, vary
 from esfo_simulation.sensor.options import SensorOptions
 from esfo_simulation.sensor.photoreceptor import time_constants
-from esfo_simulation.sensor.pixels import Exposure, Response, expose, mark_active, renew_bands
+from esfo_simulation.sensor.pixels import EventImage, Response, expose, mark_active, renew_bands
 from esfo_simulation.sensor.readout import ReadOut
 
 Frame = NDArray[np.uint16]
@@ -46,7 +46,7 @@ class Patch:
         n = len(places)
         self._response = response
         self._shots = ShotNoise(mine, rng)
-        leak = mine.leak_hz * mine.on / NANOSECONDS
+        leak = mine.leak_hz * mine.on / NS_PER_S
         zero = np.zeros(n)
         self._state = np.stack([places, mine.on, mine.off, leak, light - mine.moved, light, zero, zero], axis=1)
         # Found at the first step, since they hold for no time.
@@ -58,7 +58,7 @@ class Patch:
     def expose(self, before: Frame, after: Frame, levels: Levels, lamp: tuple[Column, Column]) -> Requests:
         """Return the events of one step: times (M,) in ns and codes, see `ReadOut.push`.
 
-        before, after: levels (N,) at both ends. lamp: borders and flicker, see `Exposure`.
+        before, after: levels (N,) at both ends. lamp: borders and flicker, see `EventImage`.
         """
         borders, flicker = lamp
         begin, end = float(borders[0]), float(borders[-1])
@@ -66,7 +66,7 @@ class Patch:
             self._valid = end + _BAND_NS
             renew_bands(self._state, self._band, (levels.low, levels.step), self._valid)
         margin = (int(np.floor(flicker.min() / levels.step)), int(np.ceil(flicker.max() / levels.step)))
-        exposure = Exposure(
+        exposure = EventImage(
             before, after, levels.low, levels.step, borders, flicker, margin, self._valid, self._response
         )
         shots = self._shots.between(begin, end)

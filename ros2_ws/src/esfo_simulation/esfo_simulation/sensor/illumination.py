@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_simulation.sensor.photoreceptor import photoreceptor
 
 Column = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Flicker:
         """Return begin, end and the times between them, ns, (S + 1,), that cut the sinusoid into parts."""
         if not self.hz or not self.depth:
             return np.array([begin, end])
-        part = NANOSECONDS / (self.hz * _PARTS)
+        part = NS_PER_S / (self.hz * _PARTS)
         inner = part * np.arange(np.floor(begin / part) + 1, np.ceil(end / part))
         inner = inner[(inner > begin) & (inner < end)]
         return np.concatenate([[begin], inner, [end]])
@@ -37,7 +37,7 @@ class Flicker:
         """Return what the lamp adds to the log intensity at times (N,), ns: on the chords between the grid's points."""
         if not self.hz or not self.depth:
             return np.zeros(len(times))
-        phase = times * (self.hz * _PARTS / NANOSECONDS)
+        phase = times * (self.hz * _PARTS / NS_PER_S)
         low = np.floor(phase)
         levels = [np.log1p(self.depth * np.sin(2 * np.pi * (low + k) / _PARTS)) for k in (0, 1)]
         return np.asarray(levels[0] + (phase - low) * (levels[1] - levels[0]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 from esfo_simulation.sensor.options import SensorOptions
 from esfo_simulation.sensor.pixels import Shots
 
@@ -66,7 +66,7 @@ class ShotNoise:
     def between(self, begin: float, end: float) -> Shots:
         """Return the candidates from begin to end, ns: a Poisson process at each pixel's rate in the dark."""
         total = self._cumulative[-1] if len(self._cumulative) else 0.0
-        n = int(self._rng.poisson(total * (end - begin) / NANOSECONDS))
+        n = int(self._rng.poisson(total * (end - begin) / NS_PER_S))
         pixel = np.searchsorted(self._cumulative, self._rng.uniform(0, total, n), side="right")
         time = self._rng.uniform(begin, end, n)
         order = np.lexsort((time, pixel))

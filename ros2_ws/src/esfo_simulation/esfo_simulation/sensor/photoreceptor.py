@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_core.orbit import NANOSECONDS
+from esfo_core.orbit import NS_PER_S
 
 Column = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def time_constants(light: Column, white: float, bandwidth_hz: float) -> Column:
     """
     if not bandwidth_hz:
         return np.zeros(len(light))
-    return np.asarray(NANOSECONDS / (2 * np.pi * bandwidth_hz) * (1 + DARK) / (np.exp(light - white) + DARK))
+    return np.asarray(NS_PER_S / (2 * np.pi * bandwidth_hz) * (1 + DARK) / (np.exp(light - white) + DARK))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -6,8 +6,8 @@ from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.errors import BackendError
 from esfo_backend.initialise.circle import fit_circle, orbit_of_cameras
-from esfo_backend.initialise.colmap import bounded, colmap_start, cut_views
-from esfo_backend.options import StartOptions
+from esfo_backend.initialise.colmap import bounded, cut_views, run_colmap
+from esfo_backend.options import InitialisationOptions
 from esfo_core.orbit import angle_between
 
 
@@ -57,10 +57,10 @@ def test_views_hold_each_track_once():
 def test_what_colmap_gets_is_bounded():
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), points=100)
     views = cut_views(scene.tracks, CAMERA, 0.03)
-    same = bounded(views, StartOptions(colmap_max_views=len(views.track)))
+    same = bounded(views, InitialisationOptions(colmap_max_views=len(views.track)))
     assert all(np.array_equal(a, b) for a, b in zip(same.track + same.uv, views.track + views.uv, strict=True))
     assert np.array_equal(same.seconds, views.seconds)
-    few = bounded(views, StartOptions(colmap_max_views=20, colmap_max_tracks=10))
+    few = bounded(views, InitialisationOptions(colmap_max_views=20, colmap_max_tracks=10))
     assert len(few.track) == len(few.uv) == len(few.seconds) == 20
     begin = int(np.flatnonzero(views.seconds == few.seconds[0])[0])
     for k, (track, uv) in enumerate(zip(few.track, few.uv, strict=True)):
@@ -82,7 +82,7 @@ def rich_scene():
 def test_colmap_end_to_end_on_rich_tracks(rich_scene):
     views = cut_views(rich_scene.tracks, CAMERA, 0.03)
     assert 20 < np.mean([len(t) for t in views.track]) < 30
-    start = colmap_start(rich_scene.tracks, CAMERA, StartOptions())
+    start = run_colmap(rich_scene.tracks, CAMERA, InitialisationOptions())
     assert start.registered > 0.9 * start.views
     assert start.rms_px < 1.0
     assert start.orbit.circle_residual < 0.05
@@ -92,7 +92,7 @@ def test_colmap_end_to_end_on_rich_tracks(rich_scene):
 
 def test_colmap_gives_the_same_bits_twice():
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), points=100, noise_px=0.5, duration_s=1.0)
-    a, b = (colmap_start(scene.tracks, CAMERA, StartOptions()) for _ in range(2))
+    a, b = (run_colmap(scene.tracks, CAMERA, InitialisationOptions()) for _ in range(2))
     assert a.orbit.motion.Q.tobytes() == b.orbit.motion.Q.tobytes()
     assert a.registered == b.registered
 
@@ -100,4 +100,4 @@ def test_colmap_gives_the_same_bits_twice():
 def test_sparse_tracks_are_refused_by_name():
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), points=15)
     with pytest.raises(BackendError, match="too few for COLMAP"):
-        colmap_start(scene.tracks, CAMERA, StartOptions())
+        run_colmap(scene.tracks, CAMERA, InitialisationOptions())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from esfo_backend.adjustment.covariance import MotionCovariance
-from esfo_backend.options import BackendOptions, StartOptions, VerdictOptions
-from esfo_backend.verdict.rate_slope import RateDrift
-from esfo_backend.verdict.rigidity import Constancy
+from esfo_backend.options import BackendOptions, InitialisationOptions, VerdictOptions
+from esfo_backend.verdict.rate_slope import RateSlope
+from esfo_backend.verdict.rigidity import Rigidity
 from esfo_backend.verdict.verdict import Evidence, judge
 from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
 from esfo_core.estimate import Alternative
@@ -25,8 +25,8 @@ GOOD = Evidence(
     inliers=0.9,
     alternatives=(Alternative("mirror", 0.5, np.array([0.0, -1.0, 0.0]), 3.0),),
     harmonic_z=30.0,
-    drift=RateDrift(0.0, 1e-5),
-    constancy=Constancy(0.0, 0.0, 0.0, 0.0, 0.0),
+    rate_slope=RateSlope(0.0, 1e-5),
+    rigidity=Rigidity(0.0, 0.0, 0.0, 0.0, 0.0),
     revolutions=2.5,
     duration_s=5.0,
 )
@@ -41,9 +41,9 @@ def test_good_evidence_is_ok():
 @pytest.mark.parametrize(
     ("change", "status", "flag"),
     [
-        ({"constancy": Constancy(0.5, 10.0, 0.0, 0.0, 0.0)}, "degenerate", "not_a_rotation"),
-        ({"constancy": Constancy(0.0, 0.0, 1.0, 10.0, 0.001)}, "degenerate", "not_a_rotation"),
-        ({"drift": RateDrift(-0.01, 1e-4)}, "degenerate", "rate_not_constant"),
+        ({"rigidity": Rigidity(0.5, 10.0, 0.0, 0.0, 0.0)}, "degenerate", "not_a_rotation"),
+        ({"rigidity": Rigidity(0.0, 0.0, 1.0, 10.0, 0.001)}, "degenerate", "not_a_rotation"),
+        ({"rate_slope": RateSlope(-0.01, 1e-4)}, "degenerate", "rate_not_constant"),
         ({"revolutions": 0.9}, "degenerate", "too_few_turns"),
         ({"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.02**2)}, "degenerate", "axis_unobs"),
         ({"covariance": MotionCovariance(1e-5, np.eye(2) * 0.1**2)}, "degenerate", "axis_unobservable"),
@@ -64,20 +64,20 @@ def test_each_doubt_has_its_name(change, status, flag):
     assert bool(verdict.reason) == (status != "ok")
 
 
-WANDERS = Constancy(0.5, 10.0, 0.0, 0.0, 0.0)
+WANDERS = Rigidity(0.5, 10.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("recurring", "status"), [(50, "degenerate"), (49, "failed"), (None, "degenerate")])
 def test_no_numbers_come_of_a_motion_that_does_not_repeat(recurring, status):
     """Of 100 points: most came back to their places, most did not, or nobody looked."""
-    verdict = judge(replace(GOOD, recurring=recurring, constancy=WANDERS), VerdictOptions())
+    verdict = judge(replace(GOOD, recurring=recurring, rigidity=WANDERS), VerdictOptions())
     assert (verdict.status, verdict.flags[0]) == (status, "not_a_rotation")
     assert "axis wanders" in verdict.reason
     assert judge(replace(GOOD, recurring=recurring), VerdictOptions()).status == "ok"
 
 
 def test_doubts_that_rest_on_a_period_that_no_point_confirms_are_not_named():
-    drifts = {"drift": RateDrift(-0.01, 1e-4), "constancy": WANDERS, "recurring": 4}
+    drifts = {"rate_slope": RateSlope(-0.01, 1e-4), "rigidity": WANDERS, "recurring": 4}
     verdict = judge(replace(GOOD, **drifts), VerdictOptions())
     assert (verdict.status, verdict.flags) == ("failed", ())
     assert "came round again" in verdict.reason
@@ -86,9 +86,9 @@ def test_doubts_that_rest_on_a_period_that_no_point_confirms_are_not_named():
 @pytest.mark.parametrize(
     "change",
     [
-        {"constancy": Constancy(0.5, 3.0, 0.2, 30.0, 0.001)},  # not significant; significant, and too small to matter
-        {"drift": RateDrift(-0.01, 0.005)},
-        {"drift": RateDrift(-1e-4, 1e-6)},
+        {"rigidity": Rigidity(0.5, 3.0, 0.2, 30.0, 0.001)},  # not significant; significant, and too small to matter
+        {"rate_slope": RateSlope(-0.01, 0.005)},
+        {"rate_slope": RateSlope(-1e-4, 1e-6)},
         {"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.004**2)},
     ],
 )
@@ -102,7 +102,7 @@ SMALL = SceneOptions(width=240, height=180, rate_hz=1.0, revolutions=2.3)
 def seen(options):
     """Solve a simulated scene through the real front-end."""
     scene = simulate(options)
-    direct = BackendOptions(start=StartOptions(method="direct"))
+    direct = BackendOptions(initialisation=InitialisationOptions(method="direct"))
     return backend_of(track(scene.chunks(), scene.camera), scene.camera, direct).solve()
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
 from esfo_backend.backend import Backend
-from esfo_backend.options import BackendOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_backend.orbit.parametrization import motion_from_axis, observations
-from esfo_backend.verdict.rate_slope import rate_drift
+from esfo_backend.verdict.rate_slope import rate_slope
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_simulation.activity import synthetic_activity
 
@@ -32,8 +32,8 @@ def test_slope_is_recovered_within_its_deviation(slope):
     _, label = np.unique(scene.point_of_track[ids], return_inverse=True)
     obs = obs.regroup(label.astype(np.int64))
     start = motion_from_axis(AXIS, scene.spin.center, 0.5 + 2 * slope)
-    solution = adjust(start, linear_points(start, obs), obs, 5.0)
-    drift = rate_drift(solution, obs, 5.0)
+    solution = bundle_adjustment(start, linear_points(start, obs), obs, 5.0)
+    drift = rate_slope(solution, obs, 5.0)
     assert abs(drift.slope - slope) < 3.5 * drift.std + 0.05 * abs(slope)
     assert drift.std < 3e-4
     assert (drift.significance > 4) == (slope != 0)
@@ -43,7 +43,7 @@ def test_backend_names_a_changing_rate():
     scene = tracks_of(spin(AXIS), noise_px=0.5)
     slow = warped(scene, -0.002)
     activity = synthetic_activity(scene.spin, scene.points, CAMERA, 4.0)
-    backend = Backend(CAMERA, BackendOptions(start=StartOptions(method="direct")))
+    backend = Backend(CAMERA, BackendOptions(initialisation=InitialisationOptions(method="direct")))
     backend.add(TrackUpdate(slow, NONE_ENDED), activity)
     estimate = backend.solve()
     assert estimate.status != "ok"

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points, schur_marginal
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points, schur_marginal
 from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.errors import BackendError
-from esfo_backend.online.incremental import Follower, thinned
+from esfo_backend.online.incremental import IncrementalSolver, thinned
 from esfo_backend.options import BackendOptions, LiveOptions
 from esfo_backend.orbit.parametrization import motion_from_axis, observations
 from esfo_core.orbit import angle_between
@@ -23,20 +23,20 @@ def between(tracks, begin, end):
 
 
 def started(scene, turns=1.5, options=None):
-    """Follower that starts from the true motion and one point per track."""
+    """IncrementalSolver that starts from the true motion and one point per track."""
     options = options or BackendOptions()
     first = between(scene.tracks, 0, scene.spin.t0 + int(turns * TURN_NS))
-    follower = Follower(CAMERA, options)
+    incremental = IncrementalSolver(CAMERA, options)
     ids = np.unique(first.track_id)
-    follower.begin(first, motion_from_axis(scene.spin.axis, scene.spin.center, 0.5), ids, np.arange(len(ids)))
-    return follower
+    incremental.begin(first, motion_from_axis(scene.spin.axis, scene.spin.center, 0.5), ids, np.arange(len(ids)))
+    return incremental
 
 
-def followed(follower, scene, begin, turns):
-    """Feed the rest in steps of 0.1 s; yield structure, marginal and time."""
+def followed(incremental, scene, begin, turns):
+    """Feed the rest in steps of 0.1 s; yield landmarks, marginal and time."""
     start = scene.spin.t0 + int(begin * TURN_NS)
     for t in range(start, scene.spin.t0 + int(turns * TURN_NS), STEP_NS):
-        yield *follower.update(between(scene.tracks, t, t + STEP_NS)), t
+        yield *incremental.update(between(scene.tracks, t, t + STEP_NS)), t
 
 
 def test_estimates_sharpen_turn_by_turn_with_bounded_work():
@@ -44,15 +44,15 @@ def test_estimates_sharpen_turn_by_turn_with_bounded_work():
     errors, stds = {2: [], 4: [], 8: []}, {2: [], 4: [], 8: []}
     for seed in range(4):
         scene = tracks_of(spin(AXIS), points=80, noise_px=0.5, outliers=0.2, duration_s=17.0, seed=seed)
-        follower = started(scene, options=options)
-        for structure, result, t in followed(follower, scene, 1.5, 8.3):
+        incremental = started(scene, options=options)
+        for landmarks, result, t in followed(incremental, scene, 1.5, 8.3):
             # What an update costs is decided by these two numbers alone.
-            assert len(structure.label) <= 200
-            assert len(structure.obs.rows.dt) <= 200 * 32
+            assert len(landmarks.label) <= 200
+            assert len(landmarks.obs.rows.dt) <= 200 * 32
             turns = (t + STEP_NS - scene.spin.t0) / TURN_NS
             for k, found in errors.items():
                 if abs(turns - k) < 0.25:
-                    found.append(structure.solution.motion.rate_hz / 0.5 - 1)
+                    found.append(landmarks.solution.motion.rate_hz / 0.5 - 1)
                     stds[k].append(2 * np.sqrt(result.marginal[3, 3]))
     rms = {k: np.sqrt(np.mean(np.square(v))) for k, v in errors.items()}
     # With points that recur the rate is known to (position error / time): four times as long is at least two times
@@ -64,16 +64,16 @@ def test_estimates_sharpen_turn_by_turn_with_bounded_work():
 
 def test_points_are_known_again():
     scene = tracks_of(spin(AXIS), points=60, noise_px=0.5, duration_s=8.0)
-    follower = started(scene)
-    structure = [s for s, _, _ in followed(follower, scene, 1.5, 4.0)][-1]
+    incremental = started(scene)
+    landmarks = [s for s, _, _ in followed(incremental, scene, 1.5, 4.0)][-1]
     # 60 points are there; one point per track, or per pair of them, would be several times as many.
-    assert structure.obs.points < 1.5 * 60 < len(follower.ids) / 2
-    assert len(follower.recurring) > 0.7 * len(np.unique(scene.tracks.track_id))
-    truth = scene.point_of_track[follower.ids]
-    pairs = [(truth[follower.label == j]) for j in np.unique(follower.label)]
+    assert landmarks.obs.points < 1.5 * 60 < len(incremental.ids) / 2
+    assert len(incremental.recurring) > 0.7 * len(np.unique(scene.tracks.track_id))
+    truth = scene.point_of_track[incremental.ids]
+    pairs = [(truth[incremental.label == j]) for j in np.unique(incremental.label)]
     wrong = sum(len(np.unique(p)) > 1 for p in pairs)
     assert wrong <= 0.02 * len(pairs)
-    assert angle_between(structure.solution.motion.axis, AXIS) < 0.1
+    assert angle_between(landmarks.solution.motion.axis, AXIS) < 0.1
 
 
 def test_another_motion_is_an_error():
@@ -81,20 +81,20 @@ def test_another_motion_is_an_error():
         tracks_of(spin(AXIS), noise_px=0.5),
         tracks_of(spin(unit(1, 0, 0.2), 0.9), noise_px=0.5, outliers=1.0),
     )
-    follower = started(scene)
-    follower._tracks = Tracks.empty()
+    incremental = started(scene)
+    incremental._tracks = Tracks.empty()
     with pytest.raises(BackendError, match="follow one rotation"):
-        follower.update(other.tracks)
+        incremental.update(other.tracks)
     with pytest.raises(BackendError, match="followed"):
-        Follower(CAMERA, BackendOptions()).update(scene.tracks)
+        IncrementalSolver(CAMERA, BackendOptions()).update(scene.tracks)
 
 
 def test_marginal_is_that_of_the_graph():
     scene = tracks_of(spin(AXIS), noise_px=0.3, points=30)
     obs, _ = observations(scene.tracks, CAMERA, 4)
     motion = motion_from_axis(AXIS, scene.spin.center, 0.5)
-    result = optimise_graph(adjust(motion, linear_points(motion, obs), obs, 1.0), obs, 1.0, 5)
-    mine = schur_marginal(result.adjusted, obs, 1.0)
+    result = optimise_graph(bundle_adjustment(motion, linear_points(motion, obs), obs, 1.0), obs, 1.0, 5)
+    mine = schur_marginal(result.solution, obs, 1.0)
     np.testing.assert_allclose(mine, result.marginal, rtol=1e-5, atol=1e-9 * np.abs(result.marginal).max())
 
 

@@ -1,16 +1,16 @@
-"""Columns of nuisance parameters against their definition, and deviations that know of a common bias."""
+"""Columns of the consider parameters against their definition, and deviations that know of a common bias."""
 
 import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
 from esfo_backend.adjustment.consider_bias import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.orbit.parametrization import motion_from_axis, observations
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
-from esfo_core.orbit import NANOSECONDS, angle_between, rotation, tangent_basis
+from esfo_core.orbit import NS_PER_S, angle_between, rotation, tangent_basis
 from esfo_core.tracks import Tracks
 
 AXIS = unit(0.3, -0.8, 0.4)
@@ -21,7 +21,7 @@ def solved(tracks, point_of_track, center):
     _, label = np.unique(point_of_track[ids], return_inverse=True)
     obs = obs.regroup(label.astype(np.int64))
     start = motion_from_axis(AXIS, center, 0.5)
-    return adjust(start, linear_points(start, obs), obs, 1.0), obs
+    return bundle_adjustment(start, linear_points(start, obs), obs, 1.0), obs
 
 
 def sides_and_directions(scene, tracks):
@@ -31,7 +31,7 @@ def sides_and_directions(scene, tracks):
     u = -perpendicular / np.linalg.norm(perpendicular)
     side, direction = np.empty(len(tracks)), np.empty((len(tracks), 2))
     for k, t in enumerate(tracks.t):
-        step = 1e-4 * NANOSECONDS
+        step = 1e-4 * NS_PER_S
         here, after = (scene.spin.transform(point[k : k + 1], int(t + s)) for s in (0, step))
         out = here[0] - scene.spin.center
         out -= (out @ AXIS) * AXIS
@@ -122,10 +122,10 @@ def test_stated_deviation_covers_a_common_bias():
         tracks = biased(scene, 0.25 * rng.choice([-1, 1], 4))
         solution, obs = solved(tracks, scene.point_of_track, scene.spin.center)
         result = optimise_graph(solution, obs, 1.0, 20)
-        axis = result.adjusted.motion.axis
+        axis = result.solution.motion.axis
         off = tangent_basis(axis).T @ AXIS
         for z, bias_px in ((unaware, 0.0), (aware, 0.25)):
-            cov = motion_covariance(result.adjusted, obs, result.marginal, 1.0, bias_px).axis_cov
+            cov = motion_covariance(result.solution, obs, result.marginal, 1.0, bias_px).axis_cov
             z.append(np.sqrt(off @ np.linalg.solve(cov, off)))
         assert angle_between(axis, AXIS) < 1.0
     assert max(aware) < 3

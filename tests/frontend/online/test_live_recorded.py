@@ -15,7 +15,7 @@ from esfo_frontend.online.clock_offset import DRIFT
 from esfo_frontend.online.live_frontend import LiveFrontend
 from esfo_frontend.options import PRESETS
 
-BAGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "ros_bags"
+BAGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "ros_bags"
 
 
 def columns(outputs):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.initialise.axis_search import direct_start
-from esfo_backend.options import StartOptions
+from esfo_backend.initialise.axis_search import search_axis
+from esfo_backend.options import InitialisationOptions
 from esfo_backend.orbit.parametrization import observations
 from esfo_backend.orbit.selection import longest_points, spread
 from esfo_core.orbit import angle_between
@@ -51,8 +51,8 @@ def test_within_the_limit_nothing_changes():
 def test_a_search_with_few_tracks_ends_where_one_with_all_does(outliers):
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), points=150, noise_px=0.5, outliers=outliers)
     obs, _ = observations(scene.tracks, CAMERA, 4)
-    whole = direct_start(obs, 0.5, StartOptions(search_tracks=obs.points))
-    quick = direct_start(obs, 0.5, StartOptions(search_tracks=100))
+    whole = search_axis(obs, 0.5, InitialisationOptions(search_tracks=obs.points))
+    quick = search_axis(obs, 0.5, InitialisationOptions(search_tracks=100))
     assert obs.points > 400
     # False tracks have optima of their own; the comparison of starts calls 1 % the same.
     assert quick.best.cost == pytest.approx(whole.best.cost, rel=0.01 if outliers else 1e-6)

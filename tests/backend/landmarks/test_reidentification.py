@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import adjust, linear_points
-from esfo_backend.landmarks.landmarks import Structure, drop_far
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
+from esfo_backend.landmarks.landmarks import Landmarks, drop_far
 from esfo_backend.landmarks.reidentification import merge_round, point_rms, reidentify
 from esfo_backend.options import ReidentificationOptions
 from esfo_backend.orbit.parametrization import motion_from_axis, observations
@@ -18,7 +18,7 @@ def test_merged_tracks_share_their_true_point(outliers):
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), noise_px=0.5, outliers=outliers)
     obs, ids = observations(scene.tracks, CAMERA, 4)
     motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
-    start = adjust(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
+    start = bundle_adjustment(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
     _, label = reidentify(start, obs, np.arange(obs.points), ReidentificationOptions(), 2.0, True)
     truth = scene.point_of_track[ids]
     groups = [truth[label == j] for j in range(label.max() + 1)]
@@ -32,7 +32,7 @@ def test_simultaneous_tracks_never_merge():
     scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), noise_px=0.5)
     obs, _ = observations(scene.tracks, CAMERA, 4)
     motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
-    start = adjust(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
+    start = bundle_adjustment(motion, linear_points(motion, obs), obs, 2.0, free_rate=False)
     options = ReidentificationOptions(chi2=1e9, rms_px=1e9, neighbours=100)
     label = merge_round(start, obs, np.arange(obs.points), options, 2.0)
     begin, end = obs.rows.dt[obs.rows.first[:-1]], obs.rows.dt[obs.rows.first[1:] - 1]
@@ -48,7 +48,7 @@ def test_points_beyond_the_camera_are_dropped_and_no_others():
     obs, _ = observations(scene.tracks, CAMERA, 4)
     motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
     label = np.append(np.arange(obs.points), -1)
-    whole = Structure(obs, adjust(motion, linear_points(motion, obs), obs, 2.0), label)
+    whole = Landmarks(obs, bundle_adjustment(motion, linear_points(motion, obs), obs, 2.0), label)
     assert drop_far(whole) is whole
     y = whole.solution.y.copy()
     y[[3, 7]] *= 1e4

@@ -6,10 +6,10 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
 from esfo_backend.errors import BackendError
-from esfo_backend.options import BackendOptions, SpinRateOptions, StartOptions
-from esfo_backend.spin_rate.rate_ramp import changing_rate
+from esfo_backend.options import BackendOptions, InitialisationOptions, SpinRateOptions
+from esfo_backend.spin_rate.rate_ramp import find_rate_ramp
 from esfo_core.activity import Activity
-from esfo_core.orbit import NANOSECONDS, angle_between
+from esfo_core.orbit import NS_PER_S, angle_between
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_simulation.activity import synthetic_activity
 
@@ -26,10 +26,10 @@ def seconds_of(turned_s, slope):
 
 
 def changing_activity(scene, slope, turned_s=4.4):
-    """Activity of the scene with its time bent: made in bins of 1 ms, gathered in bins of 5 ms."""
+    """Activity of the scene with its time warped: made in bins of 1 ms, gathered in bins of 5 ms."""
     fine = synthetic_activity(scene.spin, scene.points, CAMERA, turned_s, bin_s=0.001)
     t = seconds_of((np.arange(len(fine.counts)) + 0.5) * 1e-3, slope)
-    k = (t * NANOSECONDS // BIN).astype(int)
+    k = (t * NS_PER_S // BIN).astype(int)
     counts = np.zeros((k.max() + 1, *fine.counts.shape[1:]), np.uint16)
     np.add.at(counts, k, fine.counts)
     return Activity(fine.t0, BIN, fine.cell, counts)
@@ -38,7 +38,7 @@ def changing_activity(scene, slope, turned_s=4.4):
 @pytest.mark.parametrize("slope", [0.0, 0.01, -0.02, -0.05])
 def test_slope_is_read_from_the_stream(slope):
     scene = tracks_of(spin(AXIS))
-    found = changing_rate(changing_activity(scene, slope), SpinRateOptions())
+    found = find_rate_ramp(changing_activity(scene, slope), SpinRateOptions())
     assert abs(found.slope - slope) < 4 * found.slope_std
     assert found.slope_std < 0.002
     assert found.rate_at(found.span[0]) == pytest.approx(RATE, rel=0.01)
@@ -48,10 +48,10 @@ def test_rest_is_cut_off():
     moving = changing_activity(tracks_of(spin(AXIS)), -0.02)
     rest = np.random.default_rng(0).poisson(0.05, (600, *moving.counts.shape[1:])).astype(np.uint16)
     counts = np.concatenate([rest, moving.counts, rest])
-    found = changing_rate(Activity(moving.t0 - 600 * BIN, BIN, moving.cell, counts), SpinRateOptions())
+    found = find_rate_ramp(Activity(moving.t0 - 600 * BIN, BIN, moving.cell, counts), SpinRateOptions())
     assert found.slope == pytest.approx(-0.02, abs=4 * found.slope_std)
-    assert abs(found.span[0] - moving.t0) < 0.1 * NANOSECONDS
-    assert abs(found.span[1] - moving.end) < 0.1 * NANOSECONDS
+    assert abs(found.span[0] - moving.t0) < 0.1 * NS_PER_S
+    assert abs(found.span[1] - moving.end) < 0.1 * NS_PER_S
 
 
 def test_noise_has_no_changing_rate():
@@ -59,22 +59,22 @@ def test_noise_has_no_changing_rate():
     walk = np.abs(np.cumsum(rng.normal(size=(800, 2, 15, 20)), axis=0)).astype(np.uint16)
     for counts in (rng.poisson(2.0, (800, 2, 15, 20)).astype(np.uint16), walk):
         with pytest.raises(BackendError, match="does not repeat"):
-            changing_rate(Activity(0, BIN, 32, counts), SpinRateOptions())
+            find_rate_ramp(Activity(0, BIN, 32, counts), SpinRateOptions())
 
 
 @pytest.mark.parametrize("slope", [0.01, -0.05])
 def test_backend_follows_a_changing_rate(slope):
     scene = tracks_of(spin(AXIS), noise_px=0.5)
     t0 = scene.spin.t0
-    t = t0 + np.round(seconds_of((scene.tracks.t - t0) / NANOSECONDS, slope) * NANOSECONDS).astype(np.int64)
+    t = t0 + np.round(seconds_of((scene.tracks.t - t0) / NS_PER_S, slope) * NS_PER_S).astype(np.int64)
     tracks = Tracks(scene.tracks.track_id, t, scene.tracks.uv, scene.tracks.sigma)
-    backend = Backend(CAMERA, BackendOptions(start=StartOptions(method="direct")))
+    backend = Backend(CAMERA, BackendOptions(initialisation=InitialisationOptions(method="direct")))
     backend.add(TrackUpdate(tracks, NONE_ENDED), changing_activity(scene, slope, 4.0))
     estimate = backend.solve()
     assert estimate.status == "degenerate", estimate.reason
     assert estimate.flags[0] == "rate_not_constant"
     assert abs(estimate.rate_slope_hz_s - slope) < 4 * estimate.rate_slope_std_hz_s
     assert estimate.rate_slope_std_hz_s < 0.02 * abs(slope)
-    at_t0 = RATE + slope * (estimate.spin.t0 - t0) / NANOSECONDS
+    at_t0 = RATE + slope * (estimate.spin.t0 - t0) / NS_PER_S
     assert abs(estimate.spin.rate_hz - at_t0) < 4 * estimate.rate_std_hz + 1e-4
     assert angle_between(estimate.spin.axis, AXIS) < 3 * estimate.axis_std_deg

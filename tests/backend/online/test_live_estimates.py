@@ -6,7 +6,7 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
 from esfo_backend.errors import StateError
-from esfo_backend.options import BackendOptions, LiveOptions, MemoryOptions, StartOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions, LiveOptions, MemoryOptions
 from esfo_backend.spin_rate.correlation import correlation_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import angle_between, rotation
@@ -14,7 +14,7 @@ from esfo_core.tracks import TrackUpdate
 from esfo_simulation.activity import synthetic_activity
 
 AXIS = unit(0.3, -0.8, 0.4)
-DIRECT = BackendOptions(start=StartOptions(method="direct"))
+DIRECT = BackendOptions(initialisation=InitialisationOptions(method="direct"))
 STEP_S = 0.1
 BINS = 20
 
@@ -104,8 +104,8 @@ def test_then_one_comes_every_tenth_of_a_second(live):
 
 def test_what_is_certain_is_not_searched_again(live):
     good = [e for _, e in live if e.status == "ok"]
-    assert "start" in good[0].timing_s
-    assert not any("start" in e.timing_s for e in good[1:])
+    assert "initialisation" in good[0].timing_s
+    assert not any("initialisation" in e.timing_s for e in good[1:])
     assert sum("spin_rate" in e.timing_s for e in good[1:]) == 1  # at twice the turns
 
 
@@ -120,7 +120,7 @@ def test_a_period_that_was_taken_too_early_is_searched_again():
         if estimate is not None and estimate.spin is not None:
             found.append(estimate)
     assert found[0].spin.rate_hz == pytest.approx(1.0, rel=0.01)
-    assert sum("start" in e.timing_s for e in found) > 1
+    assert sum("initialisation" in e.timing_s for e in found) > 1
 
 
 def test_stated_deviations_fall_and_are_honest(live):
@@ -146,9 +146,11 @@ def test_a_thorough_estimate_does_not_depend_on_live_ones(half_hertz, backend_an
 
 def test_a_saved_stream_goes_on_as_if_nothing_had_been(half_hertz, tmp_path):
     _, _, pieces = half_hertz
-    small = MemoryOptions(max_bins=1000, max_rows=2000)
+    small = MemoryOptions(max_bins=1000, max_observations=2000)
     for memory in (MemoryOptions(), small):
-        options = BackendOptions(start=DIRECT.start, memory=memory, live=LiveOptions(interval_s=2.0, search_s=3.0))
+        options = BackendOptions(
+            initialisation=DIRECT.initialisation, memory=memory, live=LiveOptions(interval_s=2.0, search_s=3.0)
+        )
         whole = Backend(CAMERA, options)
         for piece in pieces[:50]:
             whole.update(*piece)
@@ -176,7 +178,7 @@ def test_a_saved_stream_is_followed_at_once(tmp_path):
     resumed = Backend.load(tmp_path / "state.npz", DIRECT)
     for piece in pieces[46:60]:
         a, b = whole.update(*piece), resumed.update(*piece)
-        assert "start" not in b.timing_s
+        assert "initialisation" not in b.timing_s
         assert a.spin.rate_hz == b.spin.rate_hz
         assert np.array_equal(a.spin.axis, b.spin.axis)
         assert np.array_equal(a.points, b.points)

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from esfo_frontend.online.sequence_tracker import MAX_GAP, MEMORY, WRAP, PacketNumbers, Turn
+from esfo_frontend.online.sequence_tracker import MAX_GAP, MEMORY, WRAP, SequenceTracker, Turn
 
 NEXT, GAP, STALE, RESTART = Turn
 
 
 def feed(numbers):
-    follower = PacketNumbers()
+    follower = SequenceTracker()
     return follower, [follower.take(number) for number in numbers]
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from esfo_backend.online.stream_memory import History, coarser
+from esfo_backend.online.stream_memory import StreamMemory, coarser
 from esfo_backend.options import MemoryOptions
 from esfo_core.activity import Activity, ActivityError
 from esfo_core.tracks import Tracks, TrackUpdate
 
 BIN = 5_000_000
 NONE = TrackUpdate(Tracks.empty(), np.empty(0, np.uint32))
-SMALL = MemoryOptions(max_bins=1000, max_rows=1000)
+SMALL = MemoryOptions(max_bins=1000, max_observations=1000)
 
 
 def pieces(bins, seed=0, begin=0, size=7):
@@ -31,7 +31,7 @@ def fed(history, parts):
 
 
 def test_within_the_limits_everything_is_kept():
-    history = fed(History(SMALL), pieces(1000))
+    history = fed(StreamMemory(SMALL), pieces(1000))
     rows = tracks(np.arange(250), np.arange(250))
     history.add(TrackUpdate(rows, np.empty(0, np.uint32)), None)
     seen = history.seen()
@@ -43,7 +43,7 @@ def test_within_the_limits_everything_is_kept():
 
 
 def test_slow_turns_keep_all_time_in_coarser_bins():
-    history, every = History(SMALL), pieces(9001, size=13)
+    history, every = StreamMemory(SMALL), pieces(9001, size=13)
     for k, part in enumerate(every):
         history.add(NONE, part)
         assert history.bins <= 1000 + 13
@@ -57,7 +57,7 @@ def test_slow_turns_keep_all_time_in_coarser_bins():
 
 
 def test_fast_turns_keep_the_latest_bins():
-    history = History(SMALL)
+    history = StreamMemory(SMALL)
     history.rate_hz = 10.0
     every = pieces(5000)
     for part in every:
@@ -74,7 +74,7 @@ def test_fast_turns_keep_the_latest_bins():
 
 def test_a_long_pause_drops_what_was_before():
     for options in (SMALL, MemoryOptions()):
-        history = fed(History(options), pieces(3000))
+        history = fed(StreamMemory(options), pieces(3000))
         history.add(TrackUpdate(tracks([1], [5]), np.empty(0, np.uint32)), None)
         later = 3000 * BIN + 61_000_000_000
         fed(history, pieces(100, 1, later))
@@ -87,7 +87,7 @@ def test_a_long_pause_drops_what_was_before():
 
 
 def test_a_short_pause_stays():
-    history = fed(History(SMALL), pieces(1200))
+    history = fed(StreamMemory(SMALL), pieces(1200))
     fed(history, pieces(100, 1, 1300 * BIN))
     counts = history.seen().activity.counts
     assert counts.shape[0] == 700
@@ -97,7 +97,7 @@ def test_a_short_pause_stays():
 
 def test_overlapping_activity_is_an_error_however_much_there_is():
     for bins in (50, 3000):
-        history = fed(History(SMALL), pieces(bins))
+        history = fed(StreamMemory(SMALL), pieces(bins))
         fed(history, pieces(bins))
         with pytest.raises(ActivityError, match="overlaps"):
             history.seen()
@@ -105,7 +105,7 @@ def test_overlapping_activity_is_an_error_however_much_there_is():
 
 
 def test_tracks_are_bounded_and_those_that_recur_stay():
-    history = History(SMALL)
+    history = StreamMemory(SMALL)
     history.recurring = np.arange(0, 100, 10, dtype=np.uint32)
     for k in range(2000):
         history.add(TrackUpdate(tracks([k], [k * BIN], 3 + k % 5), np.empty(0, np.uint32)), None)

@@ -7,7 +7,7 @@ from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjustment import bundle_adjustment as adjust_module
 from esfo_backend.adjustment import factor_graph as graph_module
-from esfo_backend.adjustment.bundle_adjustment import _step, adjust, linear_points, normal_equations
+from esfo_backend.adjustment.bundle_adjustment import _step, bundle_adjustment, linear_points, normal_equations
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_factor
 from esfo_backend.orbit.parametrization import motion_from_axis, observations
@@ -26,7 +26,7 @@ def test_exact_tracks_are_recovered(axis):
     scene = tracks_of(spin(axis))
     obs, _ = observations(scene.tracks, CAMERA, 4)
     start = perturbed(scene.spin, 1e-3)
-    solved = adjust(start, linear_points(start, obs), obs, 1.0)
+    solved = bundle_adjustment(start, linear_points(start, obs), obs, 1.0)
     assert solved.motion.rate_hz == pytest.approx(0.5, rel=1e-6)
     assert angle_between(solved.motion.axis, axis) < 1e-4
 
@@ -35,11 +35,11 @@ def test_graph_and_schur_solver_reach_the_same_optimum(monkeypatch):
     scene = tracks_of(spin(AXES[2]), noise_px=0.5, outliers=0.1)
     obs, _ = observations(scene.tracks, CAMERA, 4)
     start = perturbed(scene.spin, 0.0)
-    rough = adjust(start, linear_points(start, obs), obs, 1.0, iterations=5)
+    rough = bundle_adjustment(start, linear_points(start, obs), obs, 1.0, iterations=5)
     for solver in (adjust_module, graph_module):  # reweighted steps converge linearly: on until no step gains any more
         monkeypatch.setattr(solver, "_RELATIVE_GAIN", 0.0)
-    fast = adjust(rough.motion, rough.y, obs, 1.0, iterations=1000)
-    graph = optimise_graph(rough, obs, 1.0, 1000).adjusted
+    fast = bundle_adjustment(rough.motion, rough.y, obs, 1.0, iterations=1000)
+    graph = optimise_graph(rough, obs, 1.0, 1000).solution
     assert graph.cost == pytest.approx(fast.cost, rel=1e-12)
     assert graph.motion.rate_hz == pytest.approx(fast.motion.rate_hz, rel=1e-8)
     np.testing.assert_allclose(graph.motion.Q, fast.motion.Q, atol=1e-8)
@@ -104,9 +104,9 @@ def test_marginal_is_the_inverse_of_the_whole_information_matrix():
     scene = tracks_of(spin(AXES[2]), noise_px=0.3, points=12)
     obs, _ = observations(scene.tracks, CAMERA, 4)
     start = perturbed(scene.spin, 0.0)
-    solved = adjust(start, linear_points(start, obs), obs, 2.0)
+    solved = bundle_adjustment(start, linear_points(start, obs), obs, 2.0)
     result = optimise_graph(solved, obs, 2.0, 1)
-    best = result.adjusted
+    best = result.solution
     H = normal_equations(best.motion.Q, best.motion.rate_hz, best.y, obs.rows, 2.0, 2)
     expected = np.linalg.inv(whole_system(H))[:4, :4]
     np.testing.assert_allclose(result.marginal, expected, rtol=1e-5, atol=1e-9 * np.abs(expected).max())
@@ -119,9 +119,9 @@ def test_reported_deviations_are_honest():
         scene = tracks_of(spin(AXES[2]), noise_px=0.5, points=40, seed=seed)
         obs, _ = observations(scene.tracks, CAMERA, 4)
         start = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
-        result = optimise_graph(adjust(start, linear_points(start, obs), obs, 1.0), obs, 1.0, 20)
-        motion = result.adjusted.motion
-        cov = motion_covariance(result.adjusted, obs, result.marginal, 1.0)
+        result = optimise_graph(bundle_adjustment(start, linear_points(start, obs), obs, 1.0), obs, 1.0, 20)
+        motion = result.solution.motion
+        cov = motion_covariance(result.solution, obs, result.marginal, 1.0)
         z2_rate.append(((motion.rate_hz - 0.5) / cov.rate_std_hz) ** 2)
         off = tangent_basis(motion.axis).T @ scene.spin.axis
         z2_axis.append(off @ np.linalg.solve(cov.axis_cov, off))

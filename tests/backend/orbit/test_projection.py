@@ -5,7 +5,7 @@ import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjustment.bundle_adjustment import normal_equations
-from esfo_backend.orbit.parametrization import Motion, Rows, motion_from_axis, observations, spin_and_points
+from esfo_backend.orbit.parametrization import Motion, ObservationRows, motion_from_axis, observations, spin_and_points
 from esfo_backend.orbit.projection import (
     BEHIND_CAMERA_COST,
     cauchy_weight,
@@ -30,7 +30,7 @@ def random_problem(seed):
     y = Q.T @ np.array([0.0, 0, 0.1]) + 0.3 * rng.normal(size=(4, 3))
     y[:, 2] += Q[2, 2] * 2
     first = np.array([0, 3, 5, 9, 12])
-    rows = Rows(
+    rows = ObservationRows(
         rng.uniform(-2, 2, 12), rng.normal(size=(12, 2)) * 0.2, rng.uniform(0.2, 1, 12), first, np.array([800.0, 750.0])
     )
     return Q, 0.5, y, rows
@@ -94,7 +94,9 @@ def test_normal_equations_are_those_of_the_stacked_rows(power):
     H = normal_equations(Q, rate, y, rows, 1.5, power)
     for j in range(4):
         part = slice(rows.first[j], rows.first[j + 1])
-        own = Rows(rows.dt[part], rows.xy[part], rows.weight[part], np.array([0, part.stop - part.start]), rows.focal)
+        own = ObservationRows(
+            rows.dt[part], rows.xy[part], rows.weight[part], np.array([0, part.stop - part.start]), rows.focal
+        )
         J = linearize_stack(Q, rate, y[j], own, 1.5, power)
         np.testing.assert_allclose(H.pp[j], J[:, 5:].T @ J[:, 5:], rtol=1e-12, atol=1e-9)
         np.testing.assert_allclose(H.m[j], J[:, 1:5].T @ J[:, 0], rtol=1e-12, atol=1e-9)

@@ -10,7 +10,7 @@ from esfo_core.recordings import open_recording
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import CornerOptions
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 RECORDINGS = [
     "ros_bags/evt3_ros2_db3",
     "ros_bags/evt3_ros1.bag",

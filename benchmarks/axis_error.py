@@ -23,12 +23,13 @@ from backend import NAMES, folder_of
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points, schur_marginal
-from esfo_backend.adjustment.covariance import motion_covariance
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
+from esfo_backend.adjustment.covariance import motion_covariance, schur_marginal
 from esfo_backend.initialise.initialisation import Initialisation
 from esfo_backend.landmarks.landmarks import build_landmarks, prune
 from esfo_backend.options import BackendOptions
-from esfo_backend.orbit.parametrization import Observations, motion_from_axis, observations
+from esfo_backend.orbit.observations import Observations, observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_bringup.benchmark.orbit_accuracy import track
 from esfo_core.events import EventArray
 from esfo_core.recordings import open_recording

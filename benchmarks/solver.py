@@ -23,7 +23,8 @@ from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, o
 from esfo_backend.initialise.axis_search import search_axis
 from esfo_backend.initialise.colmap import cut_views, run_colmap
 from esfo_backend.options import InitialisationOptions
-from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations, motion_from_axis, observations
+from esfo_backend.orbit.observations import ObservationRows, Observations, observations
+from esfo_backend.orbit.parametrization import Motion, motion_from_axis
 from esfo_backend.orbit.projection import linearize_stack, project_row, robust_cost
 from esfo_core.camera import Camera
 from esfo_core.orbit import Matrix, Spin, Vector, angle_between, rotation

@@ -79,12 +79,12 @@ def test_colmap_is_used_where_it_serves():
 def test_colmap_is_asked_only_where_the_direct_start_leaves_a_doubt():
     sure = backend_for(tracks_of(spin(AXIS), points=150, noise_px=0.5))
     assert sure.solve().initialisation == "direct"
-    assert sure.last_initialisation_note == "COLMAP was not needed"
+    assert sure.last_search.note == "COLMAP was not needed"
     # Half of the tracks follow no point and cost much at every axis.
     doubtful = backend_for(tracks_of(spin(AXIS), points=60, noise_px=0.5, outliers=0.5))
     doubtful.solve()
-    assert "COLMAP" in doubtful.last_initialisation_note
-    assert "not needed" not in doubtful.last_initialisation_note
+    assert "COLMAP" in doubtful.last_search.note
+    assert "not needed" not in doubtful.last_search.note
 
 
 def test_paper_preset_runs_on_rich_tracks():

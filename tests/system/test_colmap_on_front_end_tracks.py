@@ -3,7 +3,8 @@
 from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
 from esfo_backend.initialise.colmap import run_colmap
 from esfo_backend.options import InitialisationOptions
-from esfo_backend.orbit.parametrization import Motion, observations
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import Motion
 from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend

@@ -10,7 +10,8 @@ from esfo_backend.adjustment import factor_graph as graph_module
 from esfo_backend.adjustment.bundle_adjustment import _step, bundle_adjustment, linear_points, normal_equations
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_factor
-from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_core.orbit import angle_between, rotation, tangent_basis
 
 AXES = [unit(0, 1, 0), unit(1, 0, 0), unit(0.3, -0.8, 0.4), unit(-0.5, -0.5, 0.7), unit(0.1, 0.5, -0.85)]

@@ -8,7 +8,8 @@ from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_
 from esfo_backend.adjustment.consider_bias import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import optimise_graph
-from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
 from esfo_core.orbit import NS_PER_S, angle_between, rotation, tangent_basis
 from esfo_core.tracks import Tracks
@@ -54,7 +55,7 @@ def biased(scene, bias):
 def test_sensitivity_is_what_a_biased_scene_shows(kind):
     scene = tracks_of(spin(AXIS), track_s=1.2)
     clean, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
-    information, _ = reduced_equations(clean.motion.Q, clean.motion.rate_hz, clean.y, obs.rows, 0.0)
+    information, _ = reduced_equations(clean.motion.Q, clean.motion.rate_hz, clean.y, obs.rows, 0.0, 1)
     expected = bias_sensitivity(information.sum(axis=0), np.arange(4))[:, kind]
     size = 0.05
     off, _ = solved(biased(scene, size * np.eye(4)[kind]), scene.point_of_track, scene.spin.center)
@@ -68,7 +69,7 @@ def test_equations_are_those_of_the_rows():
     scene = tracks_of(spin(AXIS), noise_px=0.5, points=8)
     solution, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
     Q, rate = solution.motion.Q, solution.motion.rate_hz
-    information, score = reduced_equations(Q, rate, solution.y, obs.rows, 1.0)
+    information, score = reduced_equations(Q, rate, solution.y, obs.rows, 1.0, 1)
     block = np.empty((2, 8))
     for j in range(obs.points):
         rows = []

@@ -10,7 +10,8 @@ from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_
 from esfo_backend.landmarks.landmarks import Landmarks, drop_far
 from esfo_backend.landmarks.reidentification import merge_round, point_rms, reidentify
 from esfo_backend.options import ReidentificationOptions
-from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.3])

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points, schur_marginal
+from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
+from esfo_backend.adjustment.covariance import schur_marginal
 from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.errors import BackendError
 from esfo_backend.online.incremental import IncrementalSolver, thinned
-from esfo_backend.options import BackendOptions, LiveOptions
-from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.options import BackendOptions, LiveEstimateOptions
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks
 
@@ -40,7 +42,7 @@ def followed(incremental, scene, begin, turns):
 
 
 def test_estimates_sharpen_turn_by_turn_with_bounded_work():
-    options = BackendOptions(live=LiveOptions(max_tracks=200))
+    options = BackendOptions(live=LiveEstimateOptions(max_tracks=200))
     errors, stds = {2: [], 4: [], 8: []}, {2: [], 4: [], 8: []}
     for seed in range(4):
         scene = tracks_of(spin(AXIS), points=80, noise_px=0.5, outliers=0.2, duration_s=17.0, seed=seed)
@@ -68,7 +70,7 @@ def test_points_are_known_again():
     landmarks = [s for s, _, _ in followed(incremental, scene, 1.5, 4.0)][-1]
     # 60 points are there; one point per track, or per pair of them, would be several times as many.
     assert landmarks.obs.points < 1.5 * 60 < len(incremental.ids) / 2
-    assert len(incremental.recurring) > 0.7 * len(np.unique(scene.tracks.track_id))
+    assert len(incremental.reobserved) > 0.7 * len(np.unique(scene.tracks.track_id))
     truth = scene.point_of_track[incremental.ids]
     pairs = [(truth[incremental.label == j]) for j in np.unique(incremental.label)]
     wrong = sum(len(np.unique(p)) > 1 for p in pairs)
@@ -85,7 +87,7 @@ def test_another_motion_is_an_error():
     incremental._tracks = Tracks.empty()
     with pytest.raises(BackendError, match="follow one rotation"):
         incremental.update(other.tracks)
-    with pytest.raises(BackendError, match="followed"):
+    with pytest.raises(BackendError, match="no search has found a motion"):
         IncrementalSolver(CAMERA, BackendOptions()).update(scene.tracks)
 
 

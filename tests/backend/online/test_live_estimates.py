@@ -6,7 +6,7 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.backend import Backend
 from esfo_backend.errors import StateError
-from esfo_backend.options import BackendOptions, InitialisationOptions, LiveOptions, MemoryOptions
+from esfo_backend.options import BackendOptions, InitialisationOptions, LiveEstimateOptions, MemoryOptions
 from esfo_backend.spin_rate.correlation import correlation_rate
 from esfo_core.activity import Activity
 from esfo_core.orbit import angle_between, rotation
@@ -149,7 +149,7 @@ def test_a_saved_stream_goes_on_as_if_nothing_had_been(half_hertz, tmp_path):
     small = MemoryOptions(max_bins=1000, max_observations=2000)
     for memory in (MemoryOptions(), small):
         options = BackendOptions(
-            initialisation=DIRECT.initialisation, memory=memory, live=LiveOptions(interval_s=2.0, search_s=3.0)
+            initialisation=DIRECT.initialisation, memory=memory, live=LiveEstimateOptions(interval_s=2.0, search_s=3.0)
         )
         whole = Backend(CAMERA, options)
         for piece in pieces[:50]:
@@ -213,12 +213,12 @@ def test_files_that_are_no_state_are_named(tmp_path):
     with pytest.raises(StateError, match="not the state"):
         Backend.load(path)
     np.savez(path, version=99)
-    with pytest.raises(StateError, match="version 99, this is version 2"):
+    with pytest.raises(StateError, match="version 99, this is version 3"):
         Backend.load(path)
     np.savez(path, version=1)
-    with pytest.raises(StateError, match="version 1, this is version 2"):
+    with pytest.raises(StateError, match="version 1, this is version 3"):
         Backend.load(path)
-    np.savez(path, version=2)
+    np.savez(path, version=3)
     with pytest.raises(StateError, match="damaged"):
         Backend.load(path)
     np.savez(path, points=np.zeros(3))

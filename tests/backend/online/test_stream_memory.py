@@ -24,72 +24,72 @@ def tracks(ids, t, rows=4):
     return Tracks.from_columns(track_id, times, np.zeros((len(times), 2)), np.ones(len(times)))
 
 
-def fed(history, parts):
+def fed(memory, parts):
     for part in parts:
-        history.add(NONE, part)
-    return history
+        memory.add(NONE, part)
+    return memory
 
 
 def test_within_the_limits_everything_is_kept():
-    history = fed(StreamMemory(SMALL), pieces(1000))
+    memory = fed(StreamMemory(SMALL), pieces(1000))
     rows = tracks(np.arange(250), np.arange(250))
-    history.add(TrackUpdate(rows, np.empty(0, np.uint32)), None)
-    seen = history.seen()
+    memory.add(TrackUpdate(rows, np.empty(0, np.uint32)), None)
+    stream = memory.snapshot()
     whole = Activity.concatenate(pieces(1000))
-    assert np.array_equal(seen.activity.counts, whole.counts)
-    assert (seen.activity.t0, seen.activity.bin, seen.begin, seen.after_gap) == (0, BIN, 0, False)
-    assert len(seen.tracks) == 1000
-    assert np.array_equal(seen.tracks.track_id, rows.track_id)
+    assert np.array_equal(stream.activity.counts, whole.counts)
+    assert (stream.activity.t0, stream.activity.bin, stream.begin, stream.after_gap) == (0, BIN, 0, False)
+    assert len(stream.tracks) == 1000
+    assert np.array_equal(stream.tracks.track_id, rows.track_id)
 
 
 def test_slow_turns_keep_all_time_in_coarser_bins():
-    history, every = StreamMemory(SMALL), pieces(9001, size=13)
+    memory, every = StreamMemory(SMALL), pieces(9001, size=13)
     for k, part in enumerate(every):
-        history.add(NONE, part)
-        assert history.bins <= 1000 + 13
-        seen = history.seen()
-        factor = seen.activity.bin // BIN
+        memory.add(NONE, part)
+        assert memory.bins <= 1000 + 13
+        stream = memory.snapshot()
+        factor = stream.activity.bin // BIN
         whole = coarser(Activity.concatenate(every[: k + 1]), factor) if k % 50 == 0 or k == len(every) - 1 else None
         if whole is not None:  # every event is still counted, at its time
-            assert seen.activity.t0 == 0
-            assert np.array_equal(seen.activity.counts, whole.counts)
+            assert stream.activity.t0 == 0
+            assert np.array_equal(stream.activity.counts, whole.counts)
     assert factor == 16
 
 
 def test_fast_turns_keep_the_latest_bins():
-    history = StreamMemory(SMALL)
-    history.rate_hz = 10.0
+    memory = StreamMemory(SMALL)
+    memory.rate_hz = 10.0
     every = pieces(5000)
     for part in every:
-        history.add(NONE, part)
-        assert history.bins <= 1000 + 7
-    seen, whole = history.seen(), Activity.concatenate(every)
-    assert seen.activity.bin == BIN
-    assert seen.activity.end == whole.end
-    assert seen.begin == 0
-    n = len(seen.activity.counts)
+        memory.add(NONE, part)
+        assert memory.bins <= 1000 + 7
+    stream, whole = memory.snapshot(), Activity.concatenate(every)
+    assert stream.activity.bin == BIN
+    assert stream.activity.end == whole.end
+    assert stream.begin == 0
+    n = len(stream.activity.counts)
     assert n >= 750
-    assert np.array_equal(seen.activity.counts, whole.counts[-n:])
+    assert np.array_equal(stream.activity.counts, whole.counts[-n:])
 
 
 def test_a_long_pause_drops_what_was_before():
     for options in (SMALL, MemoryOptions()):
-        history = fed(StreamMemory(options), pieces(3000))
-        history.add(TrackUpdate(tracks([1], [5]), np.empty(0, np.uint32)), None)
+        memory = fed(StreamMemory(options), pieces(3000))
+        memory.add(TrackUpdate(tracks([1], [5]), np.empty(0, np.uint32)), None)
         later = 3000 * BIN + 61_000_000_000
-        fed(history, pieces(100, 1, later))
-        history.add(TrackUpdate(tracks([2], [later + 5]), np.empty(0, np.uint32)), None)
-        seen = history.seen()
-        assert seen.after_gap
-        assert seen.begin == seen.activity.t0 == later
-        assert np.array_equal(seen.activity.counts, Activity.concatenate(pieces(100, 1, later)).counts)
-        assert set(seen.tracks.track_id) == {2}
+        fed(memory, pieces(100, 1, later))
+        memory.add(TrackUpdate(tracks([2], [later + 5]), np.empty(0, np.uint32)), None)
+        stream = memory.snapshot()
+        assert stream.after_gap
+        assert stream.begin == stream.activity.t0 == later
+        assert np.array_equal(stream.activity.counts, Activity.concatenate(pieces(100, 1, later)).counts)
+        assert set(stream.tracks.track_id) == {2}
 
 
 def test_a_short_pause_stays():
-    history = fed(StreamMemory(SMALL), pieces(1200))
-    fed(history, pieces(100, 1, 1300 * BIN))
-    counts = history.seen().activity.counts
+    memory = fed(StreamMemory(SMALL), pieces(1200))
+    fed(memory, pieces(100, 1, 1300 * BIN))
+    counts = memory.snapshot().activity.counts
     assert counts.shape[0] == 700
     assert counts[600:650].sum() == 0
     assert counts[650:].sum() == sum(int(p.counts.sum()) for p in pieces(100, 1))
@@ -97,21 +97,21 @@ def test_a_short_pause_stays():
 
 def test_overlapping_activity_is_an_error_however_much_there_is():
     for bins in (50, 3000):
-        history = fed(StreamMemory(SMALL), pieces(bins))
-        fed(history, pieces(bins))
+        memory = fed(StreamMemory(SMALL), pieces(bins))
+        fed(memory, pieces(bins))
         with pytest.raises(ActivityError, match="overlaps"):
-            history.seen()
-        assert history.bins <= 1000 + 7
+            memory.snapshot()
+        assert memory.bins <= 1000 + 7
 
 
 def test_tracks_are_bounded_and_those_that_recur_stay():
-    history = StreamMemory(SMALL)
-    history.recurring = np.arange(0, 100, 10, dtype=np.uint32)
+    memory = StreamMemory(SMALL)
+    memory.reobserved = np.arange(0, 100, 10, dtype=np.uint32)
     for k in range(2000):
-        history.add(TrackUpdate(tracks([k], [k * BIN], 3 + k % 5), np.empty(0, np.uint32)), None)
-        assert history.rows <= 1000
-    kept, rows = np.unique(history.tracks().track_id, return_counts=True)
-    assert set(history.recurring) <= set(kept)
+        memory.add(TrackUpdate(tracks([k], [k * BIN], 3 + k % 5), np.empty(0, np.uint32)), None)
+        assert memory.rows <= 1000
+    kept, rows = np.unique(memory.tracks().track_id, return_counts=True)
+    assert set(memory.reobserved) <= set(kept)
     assert len(kept) > 80
     assert np.array_equal(rows, 3 + kept % 5)  # whole tracks
     assert kept[10:].min() < 400  # not the latest alone

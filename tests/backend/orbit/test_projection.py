@@ -5,7 +5,8 @@ import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjustment.bundle_adjustment import normal_equations
-from esfo_backend.orbit.parametrization import Motion, ObservationRows, motion_from_axis, observations, spin_and_points
+from esfo_backend.orbit.observations import ObservationRows, observations
+from esfo_backend.orbit.parametrization import Motion, motion_from_axis, spin_and_points
 from esfo_backend.orbit.projection import (
     BEHIND_CAMERA_COST,
     cauchy_weight,

@@ -6,7 +6,7 @@ from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.initialise.axis_search import search_axis
 from esfo_backend.options import InitialisationOptions
-from esfo_backend.orbit.parametrization import observations
+from esfo_backend.orbit.observations import observations
 from esfo_backend.orbit.selection import longest_points, spread
 from esfo_core.orbit import angle_between
 

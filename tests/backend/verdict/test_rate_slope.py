@@ -7,7 +7,8 @@ from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions, InitialisationOptions
-from esfo_backend.orbit.parametrization import motion_from_axis, observations
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.verdict.rate_slope import rate_slope
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_simulation.activity import synthetic_activity

@@ -8,7 +8,8 @@ from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.landmarks.landmarks import reobservable_points, reobserved_points
 from esfo_backend.options import VerdictOptions
-from esfo_backend.orbit.parametrization import ObservationRows, Observations, motion_from_axis, observations
+from esfo_backend.orbit.observations import ObservationRows, Observations, observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.spin_rate.aperiodic import _ends, explain_aperiodic, translation_spread
 from esfo_backend.verdict.rigidity import Rigidity, rigidity, widened
 from esfo_core.orbit import NS_PER_S, angle_between, rotation

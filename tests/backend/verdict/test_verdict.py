@@ -20,8 +20,8 @@ GOOD = Evidence(
     towards=np.array([0.0, 0.0, 1.0]),
     covariance=MotionCovariance(1e-5, np.eye(2) * np.radians(0.1) ** 2),
     points=100,
-    recurring=50,
-    repeatable=100,
+    reobserved=50,
+    reobservable=100,
     inliers=0.9,
     alternatives=(Alternative("mirror", 0.5, np.array([0.0, -1.0, 0.0]), 3.0),),
     harmonic_z=30.0,
@@ -50,8 +50,8 @@ def test_good_evidence_is_ok():
         ({"harmonic_z": 7.0}, "ok", "harmonic_ambiguous"),
         ({"alternatives": (Alternative("mirror", 0.5, np.ones(3), 1.05),)}, "ok", "mirror_ambiguous"),
         ({"points": 9}, "failed", "too_few_points"),
-        ({"recurring": 4}, "failed", None),
-        ({"recurring": 4, "revolutions": 0.9}, "failed", "too_few_turns"),
+        ({"reobserved": 4}, "failed", None),
+        ({"reobserved": 4, "revolutions": 0.9}, "failed", "too_few_turns"),
         ({"inliers": 0.2}, "failed", None),
         ({"covariance": MotionCovariance(0.02, np.eye(2) * 1e-6)}, "failed", None),
         ({"covariance": MotionCovariance(np.nan, np.full((2, 2), np.nan))}, "failed", None),
@@ -67,17 +67,17 @@ def test_each_doubt_has_its_name(change, status, flag):
 WANDERS = Rigidity(0.5, 10.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(("recurring", "status"), [(50, "degenerate"), (49, "failed"), (None, "degenerate")])
-def test_no_numbers_come_of_a_motion_that_does_not_repeat(recurring, status):
+@pytest.mark.parametrize(("reobserved", "status"), [(50, "degenerate"), (49, "failed"), (None, "degenerate")])
+def test_no_numbers_come_of_a_motion_that_does_not_repeat(reobserved, status):
     """Of 100 points: most came back to their places, most did not, or nobody looked."""
-    verdict = judge(replace(GOOD, recurring=recurring, rigidity=WANDERS), VerdictOptions())
+    verdict = judge(replace(GOOD, reobserved=reobserved, rigidity=WANDERS), VerdictOptions())
     assert (verdict.status, verdict.flags[0]) == (status, "not_a_rotation")
     assert "axis wanders" in verdict.reason
-    assert judge(replace(GOOD, recurring=recurring), VerdictOptions()).status == "ok"
+    assert judge(replace(GOOD, reobserved=reobserved), VerdictOptions()).status == "ok"
 
 
 def test_doubts_that_rest_on_a_period_that_no_point_confirms_are_not_named():
-    drifts = {"rate_slope": RateSlope(-0.01, 1e-4), "rigidity": WANDERS, "recurring": 4}
+    drifts = {"rate_slope": RateSlope(-0.01, 1e-4), "rigidity": WANDERS, "reobserved": 4}
     verdict = judge(replace(GOOD, **drifts), VerdictOptions())
     assert (verdict.status, verdict.flags) == ("failed", ())
     assert "came round again" in verdict.reason

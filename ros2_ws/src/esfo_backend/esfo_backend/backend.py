@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from esfo_backend.errors import BackendError
-from esfo_backend.initialise.initialisation import Initialisation
 from esfo_backend.online.incremental import IncrementalSolver
 from esfo_backend.online.rate_lock import RateLock
 from esfo_backend.online.stream_memory import LONGEST_GAP_NS, StreamMemory
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.selection import spread_tracks
 from esfo_backend.scale import check_scale, metric
-from esfo_backend.search import Solver
+from esfo_backend.search import SearchInput, SearchResult, search
 from esfo_backend.state import IncrementalState, load_state, save_state
 from esfo_backend.stopwatch import Stopwatch
 from esfo_backend.verdict.build_estimate import Optimum, build_estimate
@@ -32,39 +31,45 @@ _SEARCH_TRACKS = 4
 _SEARCH_SHARE = 0.05
 """Growth of the stream, of its length, between two searches while nothing is found: searches grow with it."""
 
-_NOTHING_TO_FOLLOW = {"rate_not_constant", "not_a_rotation", "too_few_turns"}
+_NOT_INCREMENTAL = {"rate_not_constant", "not_a_rotation", "too_few_turns"}
 """Flags of estimates that may come from a wrong rate, or whose rate does not stay."""
+
+OnStage = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class _Progress:
+    """What is known after an estimate.
+
+    solved_until: end of its data, ns. rate_hz: of the event stream. rate_lock: what incremental estimates reuse, None
+    where the next one has to search. ramp_searched_s: length of the stream when a rate ramp was last searched.
+    """
+
+    solved_until: int | None = None
+    rate_hz: float | None = None
+    rate_lock: RateLock | None = None
+    ramp_searched_s: float = 0.0
 
 
 class Backend:
     """Accumulates tracks and activity; estimates the orbit from all of them.
 
-    `add` and `due` are cheap and may be called from another thread than `solve`.
+    `add` and `due` are cheap and may be called from another thread than `solve`. last_search: result of the latest
+    search, None before the first.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions | None = None) -> None:
+        """Raises OptionError for options that are out of range or contradict each other."""
         self.options = options or BackendOptions()
         check(self.options)
         check_scale(self.options.scale)
         self.camera = camera
-        self._solver = Solver(camera, self.options)
+        self.last_search: SearchResult | None = None
         self._incremental = IncrementalSolver(camera, self.options)
         self._memory = StreamMemory(self.options.memory)
-        self._news: list[Tracks] = []  # since the last estimate, while there may be one that goes on
-        self._goes_on = False
-        self._basis: RateLock | None = None  # of estimates that go on
-        self._lock = threading.Lock()
-        self._solved_until: int | None = None
-
-    @property
-    def last_initialisation(self) -> Initialisation | None:
-        """Initial values of the last search."""
-        return self._solver.last_initialisation
-
-    @property
-    def last_initialisation_note(self) -> str:
-        """What became of COLMAP in the last search."""
-        return "" if self.last_initialisation is None else self.last_initialisation.colmap_note
+        self._new_rows: list[Tracks] | None = None  # since the last estimate, while the next may be incremental
+        self._progress = _Progress()
+        self._lock = threading.Lock()  # of the three above, as far as `add` and `due` use them
 
     def tracks(self) -> Tracks:
         """Return the track rows that are kept, sorted by track, then time."""
@@ -82,16 +87,12 @@ class Backend:
             other._memory = self._memory
         return other
 
-    def tell_stages(self, on_stage: Callable[[str], None]) -> None:
-        """Have `on_stage` called with the name of each of STAGES as it begins."""
-        self._solver.on_stage = on_stage
-
     def add(self, update: TrackUpdate, activity: Activity | None) -> None:
         """Take over what the front-end learnt."""
         with self._lock:
             self._memory.add(update, activity)
-            if self._goes_on:
-                self._news.append(update.observations)
+            if self._new_rows is not None:
+                self._new_rows.append(update.observations)
 
     def counts(self) -> tuple[int, int]:
         """Numbers of track rows and of activity bins that are kept."""
@@ -102,13 +103,13 @@ class Backend:
         """True when enough sensor time has passed since the last estimate to make a new one."""
         live = self.options.live
         with self._lock:
-            begin, end = self._memory.begin, self._memory.end
+            begin, end, progress = self._memory.begin, self._memory.end, self._progress
             if begin is None or end is None or not self._memory.rows:
                 return False
-        if self._solver.rate_hz is not None and (end - begin) / NS_PER_S * self._solver.rate_hz < live.min_revolutions:
+        if progress.rate_hz is not None and (end - begin) / NS_PER_S * progress.rate_hz < live.min_revolutions:
             return False
-        since = begin if self._solved_until is None else self._solved_until
-        if self._basis is not None:
+        since = begin if progress.solved_until is None else progress.solved_until
+        if progress.rate_lock is not None:
             return end - since >= live.interval_s * NS_PER_S
         return end - since >= max(live.search_s * NS_PER_S, _SEARCH_SHARE * (end - begin))
 
@@ -123,98 +124,119 @@ class Backend:
         Raises StateError when that cannot be done.
         """
         with self._lock:
-            following = None
-            if self._basis is not None and self._solved_until is not None:
-                news = Tracks.concatenate(self._news)
-                following = IncrementalState(self._basis, self._incremental, news, self._solved_until)
-            save_state(path, self.camera, self._memory, following)
+            lock, until = self._progress.rate_lock, self._progress.solved_until
+            state = None
+            if lock is not None and until is not None:
+                state = IncrementalState(lock, self._incremental, Tracks.concatenate(self._new_rows or []), until)
+            save_state(path, self.camera, self._memory, state)
 
     @staticmethod
     def load(path: Path, options: BackendOptions | None = None) -> Backend:
         """Go on from a saved state. Raises StateError for a file that is none, or of another version."""
         options = options or BackendOptions()
-        camera, history, following = load_state(path, options)
+        camera, memory, state = load_state(path, options)
         backend = Backend(camera, options)
-        backend._memory = history
-        if following is not None:
-            backend._basis, backend._incremental = following.rate_lock, following.incremental
-            backend._solved_until, backend._goes_on = following.solved_until, True
-            backend._solver.rate_hz = following.rate_lock.rate.rate_hz
+        backend._memory = memory
+        if state is not None:
+            backend._incremental, backend._new_rows = state.incremental, []
+            backend._progress = _Progress(state.solved_until, state.rate_lock.rate.rate_hz, state.rate_lock)
         return backend
 
-    def solve(self, thorough: bool = True) -> OrbitEstimate:
+    def solve(self, thorough: bool = True, on_stage: OnStage = lambda name: None) -> OrbitEstimate:
         """Estimate the orbit from everything received so far; never raises for data that do not allow one.
 
-        thorough: search anew with everything, from every start that the options ask for. Otherwise the last estimate
-        goes on where there is one, in bounded work; where there is none, the direct start alone is tried where there is
-        a choice, and with a bounded number of tracks.
+        thorough: search anew with everything, from every initialisation that the options ask for. Otherwise the last
+        estimate is updated where there is one, in bounded work; where there is none, the axis search alone is tried
+        where there is a choice, with a bounded number of tracks. on_stage: told the name of each of STAGES as it
+        begins.
         """
-        estimate = None if thorough else self._follow()
+        estimate = None if thorough else self._update_incrementally(on_stage)
         if estimate is None:
-            estimate = self._search(thorough)
+            estimate = self._search(thorough, on_stage)
         with self._lock:
-            self._memory.rate_hz = estimate.spin.rate_hz if estimate.spin else self._solver.rate_hz
-            self._memory.recurring = self._incremental.recurring
+            self._memory.rate_hz = estimate.spin.rate_hz if estimate.spin else self._progress.rate_hz
+            self._memory.reobserved = self._incremental.reobserved
         try:
             return metric(estimate, self.options.scale)
         except BackendError as error:
             return OrbitEstimate.failure(str(error), t_first=estimate.t_first, t_last=estimate.t_last)
 
-    def _search(self, thorough: bool) -> OrbitEstimate:
+    def _search(self, thorough: bool, on_stage: OnStage) -> OrbitEstimate:
         with self._lock:
-            seen = self._memory.seen()
-            self._news, self._goes_on = [], True
-        if seen is None:
+            stream = self._memory.snapshot()
+            self._new_rows = []
+        if stream is None:
             return OrbitEstimate.failure("no events were received")
-        tracks = seen.tracks if thorough else spread_tracks(seen.tracks, _SEARCH_TRACKS * self.options.live.max_tracks)
-        estimate = self._solver.search(tracks, seen.activity, thorough)
-        self._solved_until = seen.activity.end
-        found = self._solver.found
-        if found is None or estimate.spin is None or _NOTHING_TO_FOLLOW & set(estimate.flags):
-            self._stop_following()
-        else:
-            certain = estimate.status == "ok" and found.initialisation.certain
-            self._basis = RateLock(found.rate, found.initialisation, found.turns, certain)
-            self._incremental.begin(tracks, found.landmarks.solution.motion, found.ids, found.landmarks.label)
-        if estimate.spin is not None and seen.begin < estimate.t_first:
-            turns = estimate.spin.rate_hz * (estimate.t_last - seen.begin) / NS_PER_S
-            estimate = replace(estimate, t_first=seen.begin, revolutions=turns)
-        return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if seen.after_gap else estimate
-
-    def _stop_following(self) -> None:
+        limit = _SEARCH_TRACKS * self.options.live.max_tracks
+        tracks = stream.tracks if thorough else spread_tracks(stream.tracks, limit)
+        data = SearchInput(tracks, stream.activity, self.camera, self.options, on_stage)
+        searched_s = self._progress.ramp_searched_s
+        # A ramp takes long: a quick search looks for one when the stream has doubled in length.
+        ramp_after_s = 0.0 if thorough or data.duration_s < searched_s else 2 * searched_s
+        result = search(data, thorough, ramp_after_s)
+        self.last_search = result
+        progress = _Progress(
+            solved_until=stream.activity.end,
+            rate_hz=self._progress.rate_hz if result.rate is None else result.rate.rate_hz,
+            rate_lock=self._begin_incremental(result, data),
+            ramp_searched_s=data.duration_s if result.ramp_searched else searched_s,
+        )
         with self._lock:
-            self._basis, self._news, self._goes_on = None, [], False
+            self._progress = progress
+            if progress.rate_lock is None:
+                self._new_rows = None
+        estimate = result.estimate
+        if estimate.spin is not None and stream.begin < estimate.t_first:
+            revolutions = estimate.spin.rate_hz * (estimate.t_last - stream.begin) / NS_PER_S
+            estimate = replace(estimate, t_first=stream.begin, revolutions=revolutions)
+        return _with_gap(estimate, stream.after_gap)
 
-    def _follow(self) -> OrbitEstimate | None:
-        """Go on from the last estimate; None where a search has to be made."""
-        rate_lock = self._basis
+    def _begin_incremental(self, result: SearchResult, data: SearchInput) -> RateLock | None:
+        """Let incremental estimates start from a search; None where its motion may not be the true one."""
+        spin, landmarks, track_ids = result.estimate.spin, result.landmarks, result.track_ids
+        if spin is None or landmarks is None or track_ids is None or result.hypothesis.ramp is not None:
+            return None
+        if result.rate is None or result.initialisation is None or _NOT_INCREMENTAL & set(result.estimate.flags):
+            return None
+        self._incremental.begin(data.tracks, landmarks.solution.motion, track_ids, landmarks.label)
+        certain = result.estimate.status == "ok" and result.initialisation.certain
+        return RateLock(result.rate, result.initialisation, result.rate.rate_hz * data.duration_s, certain)
+
+    def _update_incrementally(self, on_stage: OnStage) -> OrbitEstimate | None:
+        """Update the last estimate with the new rows; None where a search has to be made."""
+        lock, solved_until = self._progress.rate_lock, self._progress.solved_until
         with self._lock:
             begin, end, after_gap = self._memory.begin, self._memory.end, self._memory.after_gap
-            news, self._news = Tracks.concatenate(self._news), []
-        if rate_lock is None or self._solved_until is None or begin is None or end is None:
+            if self._new_rows is None:
+                return None
+            new_rows, self._new_rows = Tracks.concatenate(self._new_rows), []
+        if lock is None or solved_until is None or begin is None or end is None:
             return None
-        turns = rate_lock.rate.rate_hz * (end - begin) / NS_PER_S
-        if end - self._solved_until > LONGEST_GAP_NS or rate_lock.doubtful(turns):
+        revolutions = lock.rate.rate_hz * (end - begin) / NS_PER_S
+        if end - solved_until > LONGEST_GAP_NS or lock.doubtful(revolutions):
             return None
-        watch = Stopwatch(self._solver.on_stage)
+        watch = Stopwatch(on_stage)
         try:
-            if rate_lock.unconfirmed(turns):
-                rate_lock = self._basis = self._confirmed(rate_lock, turns, watch)
+            if lock.unconfirmed(revolutions):
+                lock = self._confirm(lock, revolutions, watch)
             with watch.stage("graph"):
-                landmarks, result = self._incremental.update(news)
-            optimum = Optimum(landmarks, result, rate_lock.rate, rate_lock.initialisation, (begin, end))
+                landmarks, graph = self._incremental.update(new_rows)
+            optimum = Optimum(landmarks, graph, lock.rate, lock.initialisation, (begin, end))
             estimate = build_estimate(optimum, self.options, watch.seconds)
         except BackendError:
             return None
-        self._solved_until = end
-        if estimate.spin is None:
-            return None
-        return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if after_gap else estimate
-
-    def _confirmed(self, rate_lock: RateLock, turns: float, watch: Stopwatch) -> RateLock:
         with self._lock:
-            seen = self._memory.seen()
-        if seen is None:
+            self._progress = replace(self._progress, solved_until=end, rate_lock=lock)
+        return None if estimate.spin is None else _with_gap(estimate, after_gap)
+
+    def _confirm(self, lock: RateLock, revolutions: float, watch: Stopwatch) -> RateLock:
+        with self._lock:
+            stream = self._memory.snapshot()
+        if stream is None:
             raise BackendError("no events were received")
         with watch.stage("spin_rate"):
-            return rate_lock.confirmed(seen.activity, turns, self.options.rate)
+            return lock.confirmed(stream.activity, revolutions, self.options.rate)
+
+
+def _with_gap(estimate: OrbitEstimate, after_gap: bool) -> OrbitEstimate:
+    return replace(estimate, flags=(*estimate.flags, "only_after_gap")) if after_gap else estimate

@@ -88,7 +88,7 @@ class VerdictOptions:
 
 
 @dataclass(frozen=True)
-class LiveOptions:
+class LiveEstimateOptions:
     """When a live estimate is made anew, and from how much."""
 
     min_revolutions: float = option(1.08, "turns that must have been seen before the first estimate", 0.1)
@@ -102,7 +102,9 @@ class MemoryOptions:
     """What is kept of a long stream. Within these limits nothing is left out."""
 
     max_bins: int = option(24_000, "bins of activity; beyond, the latest or coarser ones", 1000)
-    turns: float = option(16.0, "turns that the latest bins must hold for earlier ones to be forgotten", 2.0)
+    revolutions: float = option(
+        16.0, "revolutions that the latest bins must hold for earlier ones to be forgotten", 2.0
+    )
     max_observations: int = option(
         1_000_000, "rows of tracks; beyond, the longest tracks of every part of the time", 1000
     )
@@ -126,7 +128,7 @@ class BackendOptions:
     reidentification: ReidentificationOptions = field(default_factory=ReidentificationOptions)
     graph: GraphOptions = field(default_factory=GraphOptions)
     verdict: VerdictOptions = field(default_factory=VerdictOptions)
-    live: LiveOptions = field(default_factory=LiveOptions)
+    live: LiveEstimateOptions = field(default_factory=LiveEstimateOptions)
     memory: MemoryOptions = field(default_factory=MemoryOptions)
     scale: ScaleOptions = field(default_factory=ScaleOptions)
 

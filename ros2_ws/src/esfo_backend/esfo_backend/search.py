@@ -1,9 +1,12 @@
-"""The whole way from tracks and activity to an orbit, once: rate, start, re-identification, factor graph, verdict."""
+"""One whole search: rate hypotheses, each worked out to a candidate, of which one is chosen.
+
+A candidate is worked out by the paper's steps (section 5), initial values and factor graph, and between them the
+re-identification of docs/method.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,12 +17,13 @@ from esfo_backend.errors import BackendError
 from esfo_backend.initialise.initialisation import Initialisation, initialise
 from esfo_backend.landmarks.landmarks import Landmarks, build_landmarks, drop_far, prune
 from esfo_backend.options import BackendOptions
-from esfo_backend.orbit.parametrization import observations
+from esfo_backend.orbit.observations import Observations, observations
 from esfo_backend.spin_rate.aperiodic import explain_aperiodic
-from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
-from esfo_backend.spin_rate.rate_ramp import RateRamp, find_rate_ramp, warp_times
+from esfo_backend.spin_rate.correlation import SpinRate
+from esfo_backend.spin_rate.hypotheses import RateHypothesis, rate_hypotheses
+from esfo_backend.spin_rate.rate_ramp import warp_times
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.verdict.build_estimate import Optimum, build_estimate, most_reobserved, recurring
+from esfo_backend.verdict.build_estimate import Optimum, build_estimate, most_reobserved, reobserved
 from esfo_backend.verdict.verdict import unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
@@ -31,206 +35,201 @@ _MOST_GRAPHS = 3
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a search found and a live estimate goes on from; turns: how many were seen then."""
+class SearchInput:
+    """What a search is made from. on_stage: told the name of each of STAGES as it begins."""
+
+    tracks: Tracks
+    activity: Activity
+    camera: Camera
+    options: BackendOptions
+    on_stage: Callable[[str], None] = lambda name: None
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the stream in s."""
+        return (self.activity.end - self.activity.t0) / NS_PER_S
+
+    def failure(self, error: BackendError) -> OrbitEstimate:
+        """Return an estimate that says why there is none."""
+        known = {"tracks": len(np.unique(self.tracks.track_id)), "observations": len(self.tracks)}
+        span = {"t_first": self.activity.t0, "t_last": self.activity.end}
+        return OrbitEstimate.failure(str(error), flags=error.flags, **known, **span)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A rate hypothesis, worked out as far as the data allow.
+
+    estimate: failed where they do not. initialisation, landmarks: None where it did not come to them. track_ids: (M,)
+    track of each entry of `landmarks.label`.
+    """
+
+    hypothesis: RateHypothesis
+    estimate: OrbitEstimate
+    initialisation: Initialisation | None = None
+    landmarks: Landmarks | None = None
+    track_ids: NDArray[np.uint32] | None = None
+
+    @property
+    def is_one_rotation(self) -> bool:
+        """Whether a constant rate about one axis explains the tracks."""
+        other_motion = {"rate_not_constant", "not_a_rotation"} & set(self.estimate.flags)
+        return self.estimate.status != "failed" and not other_motion
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """Outcome of a search.
+
+    rate: of the event stream, None where it shows none. ramp_searched: whether a rate ramp was looked for. The others:
+    as in `Candidate`.
+    """
+
+    estimate: OrbitEstimate
+    rate: SpinRate | None
+    hypothesis: RateHypothesis
+    initialisation: Initialisation | None
+    landmarks: Landmarks | None
+    track_ids: NDArray[np.uint32] | None
+    ramp_searched: bool
+
+    @property
+    def note(self) -> str:
+        """What became of COLMAP."""
+        return "" if self.initialisation is None else self.initialisation.colmap_note
+
+
+def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) -> SearchResult:
+    """Estimate from nothing but the data; a failed estimate says why there is none.
+
+    The period of the event stream comes first. Its multiples, and a rate that changes evenly, are tried where no one
+    rotation at that period explains the tracks. thorough: try every initialisation that the options ask for, and every
+    multiple. ramp_after_s: length of the stream in s from which a rate ramp is searched.
+    """
+    watch = Stopwatch(data.on_stage)
+    candidates: list[Candidate] = []
+    for hypothesis in rate_hypotheses(data.activity, data.options, thorough, watch, ramp_after_s):
+        candidates.append(_work_out(hypothesis, data, watch, thorough and not candidates))
+        if candidates[0].is_one_rotation:
+            break
+    chosen, last = _choose(candidates, data.options), candidates[-1].hypothesis
+    settled = candidates[0].is_one_rotation and not candidates[0].hypothesis.alone
+    return SearchResult(
+        estimate=replace(chosen.estimate, timing_s=watch.seconds),
+        rate=(candidates[0] if chosen.estimate.status == "failed" else chosen).hypothesis.rate,
+        hypothesis=chosen.hypothesis,
+        initialisation=chosen.initialisation,
+        landmarks=chosen.landmarks,
+        track_ids=chosen.track_ids,
+        ramp_searched=not settled and last.kind != "fourier" and data.duration_s >= ramp_after_s,
+    )
+
+
+def _choose(candidates: Sequence[Candidate], options: BackendOptions) -> Candidate:
+    """Take the first candidate unless it is not one rotation and another one explains why, or does better."""
+    first, last = candidates[0], candidates[-1]
+    if first.is_one_rotation or last is first:
+        return first
+    multiples = [c for c in candidates if c.hypothesis.kind == "multiple" and _explains_tracks(c, options)]
+    if multiples:
+        return max(multiples, key=lambda c: c.estimate.observations)
+    return last if last.hypothesis.kind == "ramp" and _ramp_holds(last) else first
+
+
+def _explains_tracks(candidate: Candidate, options: BackendOptions) -> bool:
+    landmarks = candidate.landmarks
+    return candidate.estimate.status == "ok" and landmarks is not None and most_reobserved(landmarks, options)
+
+
+def _ramp_holds(candidate: Candidate) -> bool:
+    """Whether the rate changes, be it that nothing else can be told; a ramp of another motion says nothing."""
+    flags = set(candidate.estimate.flags)
+    if candidate.landmarks is None:
+        return not {"too_few_turns", "not_a_rotation"} & flags
+    return candidate.estimate.status != "failed" and "not_a_rotation" not in flags
+
+
+def _work_out(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, thorough: bool) -> Candidate:
+    try:
+        prepared = _prepare(hypothesis, data, watch, thorough)
+    except BackendError as error:
+        return Candidate(hypothesis, data.failure(_named(error, hypothesis)))
+    try:
+        landmarks, estimate = _refine(hypothesis, prepared, data, watch)
+    except BackendError as error:
+        return Candidate(hypothesis, data.failure(_named(error, hypothesis)), prepared.initialisation)
+    return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids)
+
+
+def _named(error: BackendError, hypothesis: RateHypothesis) -> BackendError:
+    """Return an error at a rate ramp as one that names the ramp."""
+    if hypothesis.ramp is None:
+        return error
+    return BackendError(f"{hypothesis.ramp}; {error}", "rate_not_constant", *error.flags)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """Rate, observations with the track of each point (P,), span of the data in ns, and initial values."""
 
     rate: SpinRate
+    obs: Observations
+    track_ids: NDArray[np.uint32]
+    span: tuple[int, int]
     initialisation: Initialisation
-    landmarks: Landmarks
-    ids: NDArray[np.uint32]
-    turns: float
 
 
-class Solver:
-    """Makes estimates. on_stage: told the name of each of STAGES as it begins.
-
-    last_initialisation: of the last search. found: what it found, None where there is nothing that could go on.
-    rate_hz: of the event stream, None before the first search.
-    """
-
-    def __init__(self, camera: Camera, options: BackendOptions) -> None:
-        self.camera, self.options = camera, options
-        self.on_stage: Callable[[str], None] = lambda name: None
-        self.last_initialisation: Initialisation | None = None
-        self.found: Found | None = None
-        self.rate_hz: float | None = None
-        self._ramp_searched_s = 0.0  # length of the stream when a quick search last looked for a rate that changes
-
-    def search(self, tracks: Tracks, activity: Activity, thorough: bool) -> OrbitEstimate:
-        """Estimate from nothing but the data; a failure says why there is none. thorough: as in `Backend.solve`."""
-        self.found = None
-        known = {
-            "tracks": len(np.unique(tracks.track_id)),
-            "observations": len(tracks),
-            "t_first": activity.t0,
-            "t_last": activity.end,
-        }
-        watch = Stopwatch(self.on_stage)
-        try:
-            return self._solve(tracks, activity, watch, thorough)
-        except BackendError as error:
-            return OrbitEstimate.failure(str(error), flags=error.flags, timing_s=watch.seconds, **known)
-
-    def _solve(self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool) -> OrbitEstimate:
-        """Take the rate for constant first, and for one that changes evenly where that does not hold.
-
-        The paper's rate is taken as it is.
-        """
-        if self.options.rate.method == "fourier":
-            with watch.stage("spin_rate"):
-                rate = SpinRate(fourier_rate(activity, self.options.rate.fourier_window_s), np.nan, np.nan, ())
-            return self._solve_at(rate, None, tracks, activity, watch, thorough)
-        try:
-            with watch.stage("spin_rate"):
-                rate = correlation_rate(activity, self.options.rate)
-        except BackendError as error:
-            return self._solve_ramp(tracks, activity, watch, thorough, error)
-        try:
-            first = self._solve_at(rate, None, tracks, activity, watch, thorough)
-        except BackendError as error:
-            other = self._second_opinion(rate, tracks, activity, watch, thorough)
-            if isinstance(other, OrbitEstimate):
-                return other
-            self.rate_hz = rate.rate_hz
-            raise (other or error) from error
-        if _is_one_rotation(first):
-            return first
-        kept = self.found
-        other = self._second_opinion(rate, tracks, activity, watch, thorough)
-        if isinstance(other, OrbitEstimate):
-            return other
-        self.found, self.rate_hz = kept, rate.rate_hz
-        return first
-
-    def _second_opinion(
-        self, rate: SpinRate, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool
-    ) -> OrbitEstimate | BackendError | None:
-        """Try the multiples of the period, then a rate that changes; None: nothing better.
-
-        An error says that the rate changes, and why there is no estimate all the same; where that period is not
-        confirmed either it says nothing.
-        """
-        best = None
-        for slower in _slower(rate, thorough):
-            with suppress(BackendError):
-                found = self._solve_at(slower, None, tracks, activity, watch, False)
-                confirmed = (
-                    found.status == "ok"
-                    and self.found is not None
-                    and most_reobserved(self.found.landmarks, self.options)
-                )
-                if confirmed and (best is None or found.observations > best[0].observations):
-                    best = found, self.found, self.last_initialisation, slower.rate_hz
-        if best is not None:
-            found, self.found, self.last_initialisation, self.rate_hz = best
-            return found
-        try:
-            found = self._solve_ramp(tracks, activity, watch, thorough, None)
-        except BackendError as error:
-            changes = "rate_not_constant" in error.flags and not {"too_few_turns", "not_a_rotation"} & set(error.flags)
-            return error if changes else None
-        return None if found.status == "failed" or "not_a_rotation" in found.flags else found
-
-    def _solve_ramp(
-        self, tracks: Tracks, activity: Activity, watch: Stopwatch, thorough: bool, error: BackendError | None
-    ) -> OrbitEstimate:
-        """Solve for a rate that changes evenly. error: why there is no constant one; raised anew with its cause."""
-        try:
-            with watch.stage("spin_rate"):
-                ramp = self._find_rate_ramp(activity, thorough)
-        except BackendError:
-            if error is None:
-                raise
-            raise self._aperiodic(str(error), tracks, activity) from error
-        if error is None and abs(ramp.slope) < self.options.verdict.rate_slope_z * ramp.slope_std:
-            raise BackendError(f"the rate is constant: {ramp.slope:+.5f} +- {ramp.slope_std:.5f} Hz per second")
-        try:
-            return self._solve_at(ramp.rate, ramp, tracks, activity, watch, False)
-        except BackendError as later:
-            raise BackendError(f"{ramp}; {later}", "rate_not_constant", *later.flags) from later
-
-    def _find_rate_ramp(self, activity: Activity, thorough: bool) -> RateRamp:
-        """Look for a rate that changes. It takes long: a quick search does so when the stream has doubled in length."""
-        seconds = (activity.end - activity.t0) / NS_PER_S
-        if not thorough and self._ramp_searched_s <= seconds < 2 * self._ramp_searched_s:
-            raise BackendError("no rate that changes was looked for")
-        self._ramp_searched_s = seconds
-        return find_rate_ramp(activity, self.options.rate)
-
-    def _solve_at(
-        self,
-        rate: SpinRate,
-        ramp: RateRamp | None,
-        tracks: Tracks,
-        activity: Activity,
-        watch: Stopwatch,
-        thorough: bool,
-    ) -> OrbitEstimate:
-        """Paper, section 5: start and factor graph; between them the re-identification of docs/method.md."""
-        options = self.options
-        self.rate_hz = rate.rate_hz
-        span = ramp.span if ramp else (activity.t0, activity.end)
-        turns = rate.rate_hz * (span[1] - span[0]) / NS_PER_S
-        if turns < options.live.min_revolutions:
-            raise BackendError(
-                f"{turns:.2f} turns were seen; {options.live.min_revolutions} are needed", "too_few_turns"
-            )
-        obs, ids = observations(tracks, self.camera, options.initialisation.min_observations)
-        if ramp:
-            obs = warp_times(obs, ramp)
-        with watch.stage("initialisation"):
-            initialisation = initialise(tracks, obs, self.camera, rate.rate_hz, options, thorough)
-        self.last_initialisation = initialisation
-        with watch.stage("reidentification"):
-            landmarks = build_landmarks(initialisation.solution, obs, options)
-        with watch.stage("graph"):
-            landmarks, result = self._optimise(prune(landmarks, options))
-        if ramp is None and options.rate.method == "correlation":
-            of_tracks = result.solution.motion.rate_hz
-            if not rate.agrees_with(of_tracks):
-                disagree = (
-                    f"the tracks turn at {of_tracks:.4f} Hz, but the event stream repeats at {rate.rate_hz:.4f} Hz"
-                )
-                raise self._aperiodic(disagree, tracks, activity)
-        self.found = None if ramp else Found(rate, initialisation, landmarks, ids, turns)
-        optimum = Optimum(landmarks, result, rate, initialisation, span, ramp)
-        estimate = build_estimate(optimum, options, watch.seconds)
-        unnamed = estimate.status == "failed" and not estimate.flags
-        if unnamed and unconfirmed(recurring(landmarks, options), options.verdict):
-            raise self._aperiodic(estimate.reason, tracks, activity)
-        return estimate
-
-    def _optimise(self, landmarks: Landmarks) -> tuple[Landmarks, GraphOptimum]:
-        """Optimise the graph; points that run away tell nothing of the motion, but may make it indeterminate."""
-        graph = self.options.graph
-        for _ in range(_MOST_GRAPHS):
-            result = optimise_graph(landmarks.solution, landmarks.obs, graph.cauchy_px, graph.iterations)
-            optimum = replace(landmarks, solution=result.solution)
-            landmarks = drop_far(optimum)
-            if landmarks.obs.points < self.options.verdict.min_points:
-                return optimum, result
-            if landmarks is optimum or np.isfinite(result.marginal).all():
-                break
-        return landmarks, result
-
-    def _aperiodic(self, found: str, tracks: Tracks, activity: Activity) -> BackendError:
-        """Error of a stream without a period, or with one that no track confirms; its cause by how they move."""
-        duration_s = (activity.end - activity.t0) / NS_PER_S
-        why = explain_aperiodic(tracks, duration_s, self.options.verdict.min_points, self.camera.focal_px)
-        return BackendError(f"{found}; {why.reason}", why.flag)
+def _prepare(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, thorough: bool) -> _Prepared:
+    rate, ramp, options = hypothesis.rate, hypothesis.ramp, data.options
+    if rate is None:
+        raise _aperiodic(hypothesis.reason, data)
+    span = ramp.span if ramp else (data.activity.t0, data.activity.end)
+    revolutions = rate.rate_hz * (span[1] - span[0]) / NS_PER_S
+    if revolutions < options.live.min_revolutions:
+        needed = options.live.min_revolutions
+        raise BackendError(f"{revolutions:.2f} revolutions were seen; {needed} are needed", "too_few_turns")
+    obs, track_ids = observations(data.tracks, data.camera, options.initialisation.min_observations)
+    if ramp:
+        obs = warp_times(obs, ramp)
+    with watch.stage("initialisation"):
+        initialisation = initialise(data.tracks, obs, data.camera, rate.rate_hz, options, thorough)
+    return _Prepared(rate, obs, track_ids, span, initialisation)
 
 
-def _slower(rate: SpinRate, thorough: bool) -> list[SpinRate]:
-    """Multiples of a period, those first that the stream has shown; the others are tried in a thorough search alone.
+def _refine(
+    hypothesis: RateHypothesis, prepared: _Prepared, data: SearchInput, watch: Stopwatch
+) -> tuple[Landmarks, OrbitEstimate]:
+    options, rate = data.options, prepared.rate
+    with watch.stage("reidentification"):
+        landmarks = build_landmarks(prepared.initialisation.solution, prepared.obs, options)
+    with watch.stage("graph"):
+        landmarks, optimum = _optimise(prune(landmarks, options), options)
+    tracks_hz = optimum.solution.motion.rate_hz
+    if hypothesis.kind in ("period", "multiple") and not rate.agrees_with(tracks_hz):
+        apart = f"the tracks turn at {tracks_hz:.4f} Hz, but the event stream repeats at {rate.rate_hz:.4f} Hz"
+        raise _aperiodic(apart, data)
+    found = Optimum(landmarks, optimum, rate, prepared.initialisation, prepared.span, hypothesis.ramp)
+    estimate = build_estimate(found, options, watch.seconds)
+    unnamed = estimate.status == "failed" and not estimate.flags
+    if unnamed and unconfirmed(reobserved(landmarks, options), options.verdict):
+        raise _aperiodic(estimate.reason, data)
+    return landmarks, estimate
 
-    An object that is symmetric about its axis looks the same after part of a turn, and only its tracks know how many
-    such parts make one: as many as the most of them follow.
-    """
-    shown = [h.rate_hz for h in rate.harmonics if h.rate_hz < rate.rate_hz]
-    others = [rate.rate_hz / k for k in range(2, LARGEST_HARMONIC + 1)] if thorough else []
-    equal = Harmonic(rate.rate_hz, rate.correlation, 0.0)
-    return [replace(rate, rate_hz=slower, harmonics=(equal, *rate.harmonics)) for slower in (*shown, *others)]
+
+def _optimise(landmarks: Landmarks, options: BackendOptions) -> tuple[Landmarks, GraphOptimum]:
+    """Optimise the factor graph. Points that run away tell nothing of the motion, but may make it indeterminate."""
+    for _ in range(_MOST_GRAPHS):
+        optimum = optimise_graph(landmarks.solution, landmarks.obs, options.graph.cauchy_px, options.graph.iterations)
+        at_optimum = replace(landmarks, solution=optimum.solution)
+        landmarks = drop_far(at_optimum)
+        if landmarks.obs.points < options.verdict.min_points:
+            return at_optimum, optimum
+        if landmarks is at_optimum or np.isfinite(optimum.marginal).all():
+            break
+    return landmarks, optimum
 
 
-def _is_one_rotation(estimate: OrbitEstimate) -> bool:
-    return estimate.status != "failed" and not {"rate_not_constant", "not_a_rotation"} & set(estimate.flags)
+def _aperiodic(found: str, data: SearchInput) -> BackendError:
+    """Error of a stream without a period, or with one that no track confirms; its cause by how tracks move."""
+    why = explain_aperiodic(data.tracks, data.duration_s, data.options.verdict.min_points, data.camera.focal_px)
+    return BackendError(f"{found}; {why.reason}", why.flag)

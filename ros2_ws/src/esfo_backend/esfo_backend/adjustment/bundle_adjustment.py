@@ -9,7 +9,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations
+from esfo_backend.adjustment.elimination import factor_landmark, solve_lower
+from esfo_backend.orbit.observations import ObservationRows, Observations
+from esfo_backend.orbit.parametrization import Motion
 from esfo_backend.orbit.projection import BEHIND_CAMERA_COST, cauchy_weight, linearize_row, triangulate
 from esfo_core.orbit import Matrix
 
@@ -101,22 +103,10 @@ def _expmap(v: NDArray[np.floating]) -> Matrix:
 @njit(cache=True, nogil=True)
 def _eliminate(H: NormalEquations, j: int, damping: float, L: Matrix, Z: Matrix) -> None:
     """Cholesky factor L (3, 3) of the damped block of point j; Z (5, 3) receives L^-1 [mp^T, p], column by column."""
-    for m in range(3):
-        for n in range(m + 1):
-            L[m, n] = H.pp[j, m, n]
-        L[m, m] += damping * L[m, m] + 1e-9
-        for n in range(m + 1):
-            for k in range(n):
-                L[m, n] -= L[m, k] * L[n, k]
-            if n < m:
-                L[m, n] /= L[n, n]
-        L[m, m] = np.sqrt(max(L[m, m], 1e-12))  # rounding may take a depth that is not observed below zero
-    for i in range(5):
-        for m in range(3):
-            value = H.mp[j, i, m] if i < 4 else H.p[j, m]
-            for k in range(m):
-                value -= L[m, k] * Z[i, k]
-            Z[i, m] = value / L[m, m]
+    factor_landmark(H.pp[j], damping, L)
+    for i in range(4):
+        solve_lower(L, H.mp[j, i], Z[i])
+    solve_lower(L, H.p[j], Z[4])
 
 
 @njit(cache=True, nogil=True)
@@ -223,13 +213,3 @@ def bundle_adjustment(
     )
     U, _, Vt = np.linalg.svd(Q)  # rounding of many small rotations
     return OrbitSolution(Motion(U @ Vt, float(rate)), points, float(cost), int(used))
-
-
-def schur_marginal(solution: OrbitSolution, obs: Observations, cauchy_px: float) -> Matrix:
-    """Marginal covariance (4, 4) of (rotation vector of Q, rate) as of the factor graph; NaN where indeterminate."""
-    H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 2)
-    try:
-        eliminated = np.einsum("pij,pkj->ik", H.mp, np.linalg.solve(H.pp, H.mp.transpose(0, 2, 1)).transpose(0, 2, 1))
-        return np.asarray(np.linalg.inv(H.mm - eliminated))
-    except np.linalg.LinAlgError:
-        return np.full((4, 4), np.nan)

@@ -11,7 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.parametrization import ObservationRows
+from esfo_backend.adjustment.elimination import factor_landmark, solve_lower
+from esfo_backend.orbit.observations import ObservationRows
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
 from esfo_core.orbit import Matrix
 
@@ -27,31 +28,34 @@ COLUMNS = 9
 
 @njit(cache=True, nogil=True)
 def reduced_equations(
-    Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float
+    Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, power: int
 ) -> tuple[NDArray[np.float64], Matrix]:
-    """Information (P, 9, 9) and score (P, 9) that each point gives of the columns above, itself eliminated.
+    """Information (P, 9, 9) and score (P, 9) that each landmark gives of the columns above, itself eliminated.
 
-    ObservationRows weigh by Cauchy's weight at the residuals; rows behind the camera count nothing.
+    Rows weigh by Cauchy's weight^power at the residuals, with power as in `normal_equations`; rows behind the camera
+    count nothing.
     """
     P = len(rows.first) - 1
     information, score = np.zeros((P, COLUMNS, COLUMNS)), np.zeros((P, COLUMNS))
     block, wide, full = np.empty((2, 8)), np.empty((2, 13)), np.empty((13, 13))
+    L, Z = np.zeros((3, 3)), np.empty((10, 3))
     for j in range(P):
         full[:] = 0.0
         for k in range(rows.first[j], rows.first[j + 1]):
             if not linearize_row(Q, rate, y[j], rows, k, block):
                 continue
             _widen(rate, y[j], rows, k, block, wide)
-            w = cauchy_weight(block, cauchy)
+            w = cauchy_weight(block, cauchy) ** power
             for m in range(13):
                 for n in range(13):
                     full[m, n] += w * (wide[0, m] * wide[0, n] + wide[1, m] * wide[1, n])
-        D = full[10:, 10:].copy()
-        for m in range(3):
-            D[m, m] += 1e-9 + 1e-12 * D[m, m]
-        G = full[1:10, 10:].copy() @ np.linalg.inv(D)
-        information[j] = full[1:10, 1:10] - G @ full[10:, 1:10].copy()
-        score[j] = full[1:10, 0] - G @ full[10:, 0].copy()
+        factor_landmark(full[10:, 10:], 0.0, L)
+        for m in range(10):
+            solve_lower(L, full[m, 10:], Z[m])
+        for m in range(COLUMNS):
+            score[j, m] = full[1 + m, 0] - np.dot(Z[1 + m], Z[0])
+            for n in range(COLUMNS):
+                information[j, m, n] = full[1 + m, 1 + n] - np.dot(Z[1 + m], Z[1 + n])
     return information, score
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, normal_equations
-from esfo_backend.adjustment.consider_bias import bias_sensitivity, reduced_equations
-from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
+from esfo_backend.adjustment.consider_bias import MOTION, bias_sensitivity, reduced_equations
+from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import Matrix, tangent_basis
 
@@ -35,20 +35,18 @@ def motion_covariance(
     no residual shows, is added as in a Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where
     the marginal is.
     """
-    H = normal_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
-    eliminated = np.einsum("pij,pjk->pik", H.mp, np.linalg.pinv(H.pp, hermitian=True))
-    score = H.m - np.einsum("pij,pj->pi", eliminated, H.p)
+    motion = solution.motion
+    information, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
+    score = scores[:, MOTION]
     small_sample = obs.points / max(obs.points - _MOTION_PARAMETERS, 1)
     sandwich = small_sample * marginal @ (score.T @ score) @ marginal
     independent = _independent_variance(solution, obs, cauchy_px) * marginal
     ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)
-    information, _ = reduced_equations(solution.motion.Q, solution.motion.rate_hz, solution.y, obs.rows, cauchy_px)
     moved = bias_px * bias_sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS))
     cov = cov + moved @ moved.T
-    axis = solution.motion.axis
     # A right rotation vector d of Q moves the axis by -Q (d x e_z) = Q (-d_y, d_x, 0).
-    to_tangent = tangent_basis(axis).T @ solution.motion.Q @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
+    to_tangent = tangent_basis(motion.axis).T @ motion.Q @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])
     return MotionCovariance(float(np.sqrt(cov[3, 3])), to_tangent @ cov[:3, :3] @ to_tangent.T)
 
 
@@ -59,3 +57,13 @@ def _independent_variance(solution: OrbitSolution, obs: Observations, cauchy_px:
     w = 1 / (1 + (errors / cauchy_px) ** 2) if cauchy_px > 0 else np.ones_like(errors)
     freedom = max(2 * len(errors) - 3 * obs.points - _MOTION_PARAMETERS, 1)
     return float(((w * errors) ** 2).sum() / freedom * len(errors) / max((w**2).sum(), 1e-300))
+
+
+def schur_marginal(solution: OrbitSolution, obs: Observations, cauchy_px: float) -> Matrix:
+    """Marginal covariance (4, 4) of (rotation vector of Q, rate) as of the factor graph; NaN where indeterminate."""
+    motion = solution.motion
+    information, _ = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 2)
+    try:
+        return np.asarray(np.linalg.inv(information.sum(axis=0)[MOTION, MOTION]))
+    except np.linalg.LinAlgError:
+        return np.full((4, 4), np.nan)

@@ -15,7 +15,8 @@ import numpy as np
 from gtsam.symbol_shorthand import F, L, Q
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
-from esfo_backend.orbit.parametrization import Motion, ObservationRows, Observations
+from esfo_backend.orbit.observations import ObservationRows, Observations
+from esfo_backend.orbit.parametrization import Motion
 from esfo_backend.orbit.projection import linearize_stack, robust_cost
 from esfo_core.orbit import Matrix, Vector
 

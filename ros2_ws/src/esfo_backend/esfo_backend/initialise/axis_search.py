@@ -16,7 +16,8 @@ import numpy as np
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.errors import BackendError
 from esfo_backend.options import InitialisationOptions
-from esfo_backend.orbit.parametrization import Observations, motion_from_axis
+from esfo_backend.orbit.observations import Observations
+from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.orbit.selection import longest_points
 from esfo_core.orbit import Matrix, Vector, angle_between, rotation, tangent_basis
 

@@ -10,7 +10,8 @@ from esfo_backend.errors import BackendError
 from esfo_backend.initialise.axis_search import AxisSearchResult, search_axis
 from esfo_backend.initialise.colmap import ColmapResult, run_colmap
 from esfo_backend.options import BackendOptions
-from esfo_backend.orbit.parametrization import Motion, Observations
+from esfo_backend.orbit.observations import Observations
+from esfo_backend.orbit.parametrization import Motion
 from esfo_core.camera import Camera
 from esfo_core.tracks import Tracks
 

@@ -11,7 +11,7 @@ from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adju
 from esfo_backend.errors import BackendError
 from esfo_backend.landmarks.reidentification import ROUND_ITERATIONS, Labels, point_rms, reidentify
 from esfo_backend.options import BackendOptions
-from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import Matrix
 

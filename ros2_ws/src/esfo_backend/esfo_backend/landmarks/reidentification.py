@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points, normal_equations
+from esfo_backend.adjustment.elimination import REGULARISATION
 from esfo_backend.options import ReidentificationOptions
-from esfo_backend.orbit.parametrization import Motion, Observations
+from esfo_backend.orbit.observations import Observations
+from esfo_backend.orbit.parametrization import Motion
 from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import Vector
 
@@ -74,7 +76,7 @@ def _candidate_pairs(
     if len(index) < 2:
         return np.empty((0, 2), np.int64)
     H = normal_equations(solution.motion.Q, solution.motion.rate_hz, y, grouped.rows, cauchy_px, 1).pp[index]
-    covariance = max(noise_px(errors[np.isfinite(errors)]), 0.05) ** 2 * np.linalg.inv(H + 1e-9 * np.eye(3))
+    covariance = max(noise_px(errors[np.isfinite(errors)]), 0.05) ** 2 * np.linalg.inv(H + REGULARISATION * np.eye(3))
     k = min(options.neighbours + 1, len(index))
     _, near = cKDTree(y[index]).query(y[index], k)
     a, b = np.repeat(np.arange(len(index)), k), near.ravel()

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_backend.options import MemoryOptions
-from esfo_backend.orbit.selection import spread
+from esfo_backend.orbit.selection import TrackTable, spread
 from esfo_core.activity import Activity, ActivityError
 from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
@@ -41,14 +41,14 @@ class StreamSnapshot:
 class StreamMemory:
     """Tracks and activity since the start of the stream or the last long pause.
 
-    rate_hz: the latest estimate, None while unknown. recurring: ids of tracks of points that came round again. Both
+    rate_hz: the latest estimate, None while unknown. reobserved: ids of tracks of points that came round again. Both
     only guide what is forgotten. begin: time of the first event, ns. after_gap: a long pause came before it.
     coarse: activity of the past, in bins of `factor` bins of the stream. Not safe for use from several threads.
     """
 
     def __init__(self, options: MemoryOptions) -> None:
         self.rate_hz: float | None = None
-        self.recurring: NDArray[np.uint32] = np.empty(0, np.uint32)
+        self.reobserved: NDArray[np.uint32] = np.empty(0, np.uint32)
         self.begin: int | None = None
         self.after_gap = False
         self.coarse: Activity | None = None
@@ -92,7 +92,7 @@ class StreamMemory:
         if self._bins > self._options.max_bins:
             try:
                 self._forget_activity()
-            except ActivityError as error:  # told by `seen`, where an estimate can say why there is none
+            except ActivityError as error:  # told by `snapshot`, where an estimate can say why there is none
                 self._error, self._recent = error, []
                 self._count_bins()
         if self._rows > self._options.max_observations:
@@ -111,7 +111,7 @@ class StreamMemory:
         """Return all rows that are kept, in the order received."""
         return Tracks.concatenate(self._tracks)
 
-    def seen(self) -> StreamSnapshot | None:
+    def snapshot(self) -> StreamSnapshot | None:
         """Return everything that is kept, None before the first event. Raises ActivityError for pieces that overlap."""
         if self._error is not None:
             raise self._error
@@ -155,7 +155,7 @@ class StreamMemory:
             return
         if len(kept.counts) > limit:
             seconds = limit * kept.bin / NS_PER_S
-            if self.rate_hz is not None and seconds * self.rate_hz >= self._options.turns:
+            if self.rate_hz is not None and seconds * self.rate_hz >= self._options.revolutions:
                 drop = len(kept.counts) - limit
                 kept = Activity(kept.t0 + drop * kept.bin, kept.bin, kept.cell, kept.counts[drop:].copy())
             else:
@@ -167,19 +167,15 @@ class StreamMemory:
 
     def _forget_tracks(self) -> None:
         tracks = self.tracks()
-        ids, index, rows = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
-        begin = np.full(len(ids), np.iinfo(np.int64).max)
-        np.minimum.at(begin, index, tracks.t)
-        rank = np.where(np.isin(ids, self.recurring), 0, 1)
-        count = len(ids)
+        table = TrackTable.of(tracks)
+        rank = np.where(np.isin(table.ids, self.reobserved), 0, 1)
+        count = len(table.ids)
         while True:
             count = int(_KEPT * count)
-            chosen = spread(begin, rows, rank, count)
-            if rows[chosen].sum() <= _KEPT * self._options.max_observations:
+            chosen = spread(table.begin, table.rows, rank, count)
+            if table.rows[chosen].sum() <= _KEPT * self._options.max_observations:
                 break
-        kept = np.zeros(len(ids), bool)
-        kept[chosen] = True
-        tracks = tracks.select(kept[index])
+        tracks = table.rows_of(tracks, chosen)
         self._tracks, self._rows = [tracks], len(tracks)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from esfo_backend.orbit.parametrization import ObservationRows
+from esfo_backend.orbit.observations import ObservationRows
 from esfo_core.orbit import Matrix, Vector
 
 BEHIND_CAMERA_COST = 1e4

@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.orbit.observations import Observations
 from esfo_core.tracks import Tracks
 
 _PARTS = 16
+
+
+@dataclass(frozen=True)
+class TrackTable:
+    """One entry per track. ids: (M,), ascending. begin: (M,) time of the first row, ns. rows: (M,) number of rows.
+
+    index: (N,) entry of each row of the tracks.
+    """
+
+    ids: NDArray[np.uint32]
+    begin: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    index: NDArray[np.int64]
+
+    @staticmethod
+    def of(tracks: Tracks) -> TrackTable:
+        """Return the table of some tracks."""
+        ids, index, rows = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
+        begin = np.full(len(ids), np.iinfo(np.int64).max)
+        np.minimum.at(begin, index, tracks.t)
+        return TrackTable(ids, begin, rows, index)
+
+    def rows_of(self, tracks: Tracks, chosen: NDArray[np.int64]) -> Tracks:
+        """Return the rows of the chosen entries, of the tracks that the table is of, in their order."""
+        kept = np.zeros(len(self.ids), bool)
+        kept[chosen] = True
+        return tracks.select(kept[self.index])
 
 
 def spread(begin: NDArray[np.int64], rows: NDArray[np.int64], rank: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -31,14 +60,10 @@ def spread(begin: NDArray[np.int64], rows: NDArray[np.int64], rank: NDArray[np.i
 
 def spread_tracks(tracks: Tracks, count: int) -> Tracks:
     """Return the rows of at most `count` tracks, chosen by `spread`; `tracks` itself when it has no more."""
-    ids, index, rows = np.unique(tracks.track_id, return_inverse=True, return_counts=True)
-    if len(ids) <= count:
+    table = TrackTable.of(tracks)
+    if len(table.ids) <= count:
         return tracks
-    begin = np.full(len(ids), np.iinfo(np.int64).max)
-    np.minimum.at(begin, index, tracks.t)
-    kept = np.zeros(len(ids), bool)
-    kept[spread(begin, rows, np.zeros(len(ids), np.int64), count)] = True
-    return tracks.select(kept[index])
+    return table.rows_of(tracks, spread(table.begin, table.rows, np.zeros(len(table.ids), np.int64), count))
 
 
 def longest_points(obs: Observations, count: int) -> Observations:

@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
-from esfo_backend.orbit.parametrization import ObservationRows, Observations
+from esfo_backend.orbit.observations import ObservationRows, Observations
 from esfo_backend.spin_rate.correlation import SpinRate, autocorrelation, counts_of, features_of, peaks_of, period_of
 from esfo_core.activity import Activity
 from esfo_core.orbit import NS_PER_S, Matrix, Vector

@@ -91,7 +91,7 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
     )
 
 
-def recurring(landmarks: Landmarks, options: BackendOptions) -> int | None:
+def reobserved(landmarks: Landmarks, options: BackendOptions) -> int | None:
     """Points seen again, None where nobody looked for them."""
     if not options.reidentification.enabled:
         return None
@@ -100,8 +100,8 @@ def recurring(landmarks: Landmarks, options: BackendOptions) -> int | None:
 
 def most_reobserved(landmarks: Landmarks, options: BackendOptions) -> bool:
     """Whether most points came round again."""
-    repeatable = reobservable_points(landmarks.obs, landmarks.solution.motion.rate_hz)
-    return not moves_on(recurring(landmarks, options), repeatable)
+    reobservable = reobservable_points(landmarks.obs, landmarks.solution.motion.rate_hz)
+    return not moves_on(reobserved(landmarks, options), reobservable)
 
 
 def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
@@ -123,8 +123,8 @@ def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
         towards=motion.Q @ np.array([-1.0, 0.0, np.median(solution.y[:, 2])]),
         covariance=covariance,
         points=obs.points,
-        recurring=recurring(landmarks, options),
-        repeatable=reobservable_points(obs, motion.rate_hz),
+        reobserved=reobserved(landmarks, options),
+        reobservable=reobservable_points(obs, motion.rate_hz),
         inliers=float((landmarks.label >= 0).mean()),
         alternatives=_alternatives(rate, optimum.initialisation),
         harmonic_z=min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),

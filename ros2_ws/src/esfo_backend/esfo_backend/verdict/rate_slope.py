@@ -8,7 +8,7 @@ import numpy as np
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
 from esfo_backend.adjustment.consider_bias import SLOPE, gauss_newton, reduced_equations
-from esfo_backend.orbit.parametrization import Observations
+from esfo_backend.orbit.observations import Observations
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,6 @@ def rate_slope(solution: OrbitSolution, obs: Observations, cauchy_px: float, bia
     treats only points as independent (sandwich estimator, clusters = points), and adds the bias of corners of bias_px.
     """
     motion = solution.motion
-    equations = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px)
+    equations = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
     step, covariance = gauss_newton(equations, np.arange(SLOPE + 1), bias_px)
     return RateSlope(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))

@@ -22,9 +22,9 @@ _MOST = 0.5
 class Evidence:
     """What the verdict looks at.
 
-    towards: from the camera to the middle of the object. recurring: points seen again, None where tracks were not
-    re-identified; repeatable: those that could have been. inliers: share of tracks that follow the motion. revolutions:
-    turns seen. duration_s: length of the data.
+    towards: from the camera to the middle of the object. reobserved: landmarks observed again a revolution later, None
+    where tracks were not re-identified; reobservable: those that could have been. inliers: share of tracks that follow
+    the motion. revolutions: how many were seen. duration_s: length of the data.
     """
 
     rate_hz: float
@@ -32,8 +32,8 @@ class Evidence:
     towards: Vector
     covariance: MotionCovariance
     points: int
-    recurring: int | None
-    repeatable: int
+    reobserved: int | None
+    reobservable: int
     inliers: float
     alternatives: tuple[Alternative, ...]
     harmonic_z: float
@@ -58,13 +58,13 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     The first of several doubts gives the reason; a failure is explained by it.
     """
     doubts = _doubts(evidence, options)
-    if unconfirmed(evidence.recurring, options):  # doubts about a motion that turns at another rate say nothing
+    if unconfirmed(evidence.reobserved, options):  # doubts about a motion that turns at another rate say nothing
         doubts = [doubt for doubt in doubts if doubt[0] in ("too_few_turns", "axis_unobservable")]
     flags = [flag for flag, _ in doubts]
     reason = doubts[0][1] if doubts else ""
     failure, cause = _failure(evidence, options)
-    if not failure and "not_a_rotation" in flags and moves_on(evidence.recurring, evidence.repeatable):
-        failure = f"only {evidence.recurring} of {evidence.repeatable} points came round again"
+    if not failure and "not_a_rotation" in flags and moves_on(evidence.reobserved, evidence.reobservable):
+        failure = f"only {evidence.reobserved} of {evidence.reobservable} points came round again"
     if failure:
         named = (*flags, cause) if cause and cause not in flags else tuple(flags)
         return Verdict("failed", named, f"{failure}; {reason}" if reason else failure)
@@ -76,14 +76,14 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     return Verdict("degenerate" if doubts else "ok", tuple(flags), reason)
 
 
-def unconfirmed(recurring: int | None, options: VerdictOptions) -> bool:
-    """Whether too few points came round again to take the period for one. recurring: as in `Evidence`."""
-    return recurring is not None and recurring < options.min_reobserved
+def unconfirmed(reobserved: int | None, options: VerdictOptions) -> bool:
+    """Whether too few points came round again to take the period for one. reobserved: as in `Evidence`."""
+    return reobserved is not None and reobserved < options.min_reobserved
 
 
-def moves_on(recurring: int | None, repeatable: int) -> bool:
+def moves_on(reobserved: int | None, reobservable: int) -> bool:
     """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
-    return recurring is not None and recurring < _MOST * repeatable
+    return reobserved is not None and reobserved < _MOST * reobservable
 
 
 def rate_changes(slope: RateSlope, rate_hz: float, duration_s: float, options: VerdictOptions) -> bool:
@@ -134,8 +134,8 @@ def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
     """Why there is no estimate, and the flag of that; empty where there is one."""
     if evidence.points < options.min_points:
         return f"only {evidence.points} points follow one rotation; {options.min_points} are needed", "too_few_points"
-    if unconfirmed(evidence.recurring, options):
-        return f"only {evidence.recurring} points came round again; {options.min_reobserved} are needed", ""
+    if unconfirmed(evidence.reobserved, options):
+        return f"only {evidence.reobserved} points came round again; {options.min_reobserved} are needed", ""
     if evidence.inliers < options.min_inliers:
         return (
             f"only {evidence.inliers:.0%} of the tracks follow one rotation; {options.min_inliers:.0%} are needed",

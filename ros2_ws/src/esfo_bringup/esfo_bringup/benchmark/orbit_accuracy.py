@@ -14,7 +14,8 @@ import trimesh
 
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions
-from esfo_backend.orbit.parametrization import observations, spin_and_points
+from esfo_backend.orbit.observations import observations
+from esfo_backend.orbit.parametrization import spin_and_points
 from esfo_bringup.errors import CommandError
 from esfo_bringup.offline.source import open_source
 from esfo_bringup.settings import RunSettings
@@ -193,7 +194,7 @@ def measure_orbit(scene: TrueScene, preset: str, settings: RunSettings, tracked:
 
 def _at_the_start(backend: Backend, tracked: TrackedScene, scene: TrueScene) -> tuple[tuple[float, float], str]:
     """Return the registration of the points that the optimisation began with, and what became of COLMAP."""
-    start = backend.last_initialisation
+    start = None if backend.last_search is None else backend.last_search.initialisation
     if start is None:
         return _NOWHERE, "none"
     obs, _ = observations(tracked.tracks, scene.camera, backend.options.initialisation.min_observations)

@@ -67,12 +67,10 @@ def run_offline(
     backend = ready()
     _hand_over(waiting, backend)
     with stage_bar(len(STAGES)) as bar:
-        backend.tell_stages(lambda name: next_stage(bar, name))
-        estimate = with_source(backend.solve(), source)
+        estimate = with_source(backend.solve(on_stage=lambda name: next_stage(bar, name)), source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
-    return RunResult(
-        estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, backend.last_initialisation_note
-    )
+    note = "" if backend.last_search is None else backend.last_search.note
+    return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, note)
 
 
 def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:

@@ -1,0 +1,93 @@
+"""Rates at which a stream may turn, in the order in which they are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from esfo_backend.errors import BackendError
+from esfo_backend.options import BackendOptions
+from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
+from esfo_backend.spin_rate.rate_ramp import RateRamp, find_rate_ramp
+from esfo_backend.stopwatch import Stopwatch
+from esfo_core.activity import Activity
+from esfo_core.orbit import NS_PER_S
+
+Kind = Literal["fourier", "period", "multiple", "ramp", "aperiodic"]
+
+
+@dataclass(frozen=True)
+class RateHypothesis:
+    """A rate that the object may have.
+
+    kind: `fourier` (the paper's rate, taken as it is), `period` (of the event stream), `multiple` (of that period),
+    `ramp` (a rate that changes evenly) or `aperiodic` (no rate: reason says why). rate: None for `aperiodic` alone.
+    ramp: for `ramp` alone. alone: the stream has no period, so that nothing else explains it.
+    """
+
+    kind: Kind
+    rate: SpinRate | None
+    ramp: RateRamp | None = None
+    reason: str = ""
+    alone: bool = False
+
+
+def rate_hypotheses(
+    activity: Activity, options: BackendOptions, thorough: bool, watch: Stopwatch, ramp_after_s: float
+) -> Iterator[RateHypothesis]:
+    """Yield the period of the event stream, then what to try where no one rotation at that period explains the tracks.
+
+    thorough: try all multiples of the period, not only those that the stream itself has shown. ramp_after_s: length of
+    the stream in s from which a rate ramp is searched, which takes long.
+    """
+    if options.rate.method == "fourier":
+        with watch.stage("spin_rate"):
+            rate_hz = fourier_rate(activity, options.rate.fourier_window_s)
+        yield RateHypothesis("fourier", SpinRate(rate_hz, np.nan, np.nan, ()))
+        return
+    try:
+        with watch.stage("spin_rate"):
+            rate = correlation_rate(activity, options.rate)
+    except BackendError:
+        yield _without_period(activity, options, watch, ramp_after_s)
+        return
+    yield RateHypothesis("period", rate)
+    for slower in _multiples(rate, thorough):
+        yield RateHypothesis("multiple", slower)
+    with suppress(BackendError):  # a constant rate is no ramp
+        ramp = _ramp(activity, options, watch, ramp_after_s)
+        if abs(ramp.slope) >= options.verdict.rate_slope_z * ramp.slope_std:
+            yield RateHypothesis("ramp", ramp.rate, ramp)
+
+
+def _without_period(
+    activity: Activity, options: BackendOptions, watch: Stopwatch, ramp_after_s: float
+) -> RateHypothesis:
+    try:
+        ramp = _ramp(activity, options, watch, ramp_after_s)
+    except BackendError as error:
+        return RateHypothesis("aperiodic", None, reason=str(error), alone=True)
+    return RateHypothesis("ramp", ramp.rate, ramp, alone=True)
+
+
+def _ramp(activity: Activity, options: BackendOptions, watch: Stopwatch, ramp_after_s: float) -> RateRamp:
+    if (activity.end - activity.t0) / NS_PER_S < ramp_after_s:
+        raise BackendError("no rate ramp was searched")
+    with watch.stage("spin_rate"):
+        return find_rate_ramp(activity, options.rate)
+
+
+def _multiples(rate: SpinRate, thorough: bool) -> list[SpinRate]:
+    """Multiples of a period, those first that the stream has shown; the others are tried in a thorough search alone.
+
+    An object that is symmetric about its axis looks the same after part of a revolution, and only its tracks know how
+    many such parts make one: as many as the most of them follow.
+    """
+    shown = [h.rate_hz for h in rate.harmonics if h.rate_hz < rate.rate_hz]
+    others = [rate.rate_hz / k for k in range(2, LARGEST_HARMONIC + 1)] if thorough else []
+    equal = Harmonic(rate.rate_hz, rate.correlation, 0.0)
+    return [replace(rate, rate_hz=slower, harmonics=(equal, *rate.harmonics)) for slower in (*shown, *others)]

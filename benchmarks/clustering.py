@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.metrics import adjusted_rand_score
 
-from esfo_core.events import EventArray, make_events
+from esfo_core.events import NS_PER_S, EventArray, make_events
 from esfo_core.recordings import open_recording
-from esfo_frontend.clustering.chunk_clusterer import NS_PER_S, ChunkClusterer, cluster
+from esfo_frontend.clustering.chunk_clusterer import ChunkClusterer, cluster
 from esfo_frontend.clustering.density_filter import DensityFilter
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.options import PRESETS, ClusterOptions, nanoseconds

@@ -12,8 +12,8 @@ import numpy as np
 from esfo_backend.backend import Backend
 from esfo_backend.options import PRESETS as BACKEND_PRESETS
 from esfo_core.camera import Camera
-from esfo_core.events import EventArray
-from esfo_core.orbit import NS_PER_S, angle_between
+from esfo_core.events import NS_PER_S, EventArray
+from esfo_core.orbit import angle_between
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS

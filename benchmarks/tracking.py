@@ -22,9 +22,8 @@ from tracking_truth import offset_to_corners, places, poses_of
 
 from esfo_core.camera import Camera
 from esfo_core.evaluation.track_error import FittedTracks, fit_tracks
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.options import parse_assignments, replace
-from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions

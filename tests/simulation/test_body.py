@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
-from esfo_core.orbit import NS_PER_S, Spin, object_frame
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Spin, object_frame
 from esfo_simulation.motion import BodyMotion
 from esfo_simulation.simulator import LARGEST_STEP_PX, LONGEST_STEP_NS, frame_times
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt
 
-from esfo_core.orbit import NS_PER_S, Spin, rotation
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Spin, rotation
 from esfo_simulation.render.renderer import Light, Renderer
 from esfo_simulation.scene import SceneOptions, simulate
 from esfo_simulation.sensor.options import SensorOptions

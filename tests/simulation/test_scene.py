@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from esfo_core.errors import OptionError, SimulationError
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.recordings import open_recording
 from esfo_core.tracks import Tracks
 from esfo_simulation.scene import VIEWS, MotionOptions, SceneOptions, simulate, view_axis

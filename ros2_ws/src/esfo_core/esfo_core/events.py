@@ -13,6 +13,9 @@ EVENT_DTYPE = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "i1"), ("t", "<i8")])
 EventArray: TypeAlias = NDArray[np.void]
 """Structured array (N,) of `EVENT_DTYPE`, sorted by time unless said otherwise."""
 
+NS_PER_S = 1_000_000_000
+"""Nanoseconds per second, an integer: times as whole nanoseconds stay exact."""
+
 
 def empty_events() -> EventArray:
     """Return an event array of length zero."""

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.errors import EsfoError
+from esfo_core.events import NS_PER_S
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-NS_PER_S = 1e9
 
 
 class OrbitError(EsfoError):

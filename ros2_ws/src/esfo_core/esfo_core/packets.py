@@ -8,6 +8,7 @@ from esfo_core.cdr import CdrReader
 from esfo_core.codecs.base import Bytes
 from esfo_core.codecs.event_array import cdr_size
 from esfo_core.errors import RecordingError
+from esfo_core.events import NS_PER_S
 
 EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
 OLD_EVENT_PACKET = "event_array_msgs/msg/EventArray"
@@ -20,7 +21,6 @@ SUPPORTED = (EVENT_PACKET, OLD_EVENT_PACKET, *EVENT_ARRAYS)
 """Names of the message types that hold events, the usual one first."""
 
 _ENCODINGS = {"<": "cdr_event_array", ">": "cdr_event_array_be"}
-_SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -96,4 +96,4 @@ def _event_array(reader: CdrReader) -> Packet:
 
 def _header(reader: CdrReader) -> tuple[int, str]:
     seconds, nanoseconds = reader.numbers("iI", 4)
-    return seconds * _SECOND + nanoseconds, reader.text()
+    return seconds * NS_PER_S + nanoseconds, reader.text()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from esfo_core.activity import Activity
-from esfo_core.events import EventArray, empty_events
+from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_frontend.options import ActivityOptions, nanoseconds
 
-LONGEST_FILLED_GAP = 60_000_000_000
+LONGEST_FILLED_GAP = 60 * NS_PER_S
 """Pauses of the stream up to this many ns are filled with empty bins; across longer ones the activity is split."""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_core.activity import Activity
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
 from esfo_frontend.clustering.chunk_clusterer import Clusters
@@ -128,7 +128,7 @@ class Frontend:
             raise FrontendError(f"time goes back by {-int(step.min())} ns: events are not sorted")
         if (step > LONGEST_FILLED_GAP).sum() > 1:
             raise FrontendError(
-                f"two pauses of more than {LONGEST_FILLED_GAP / 1e9:.0f} s in one packet: clock errors?"
+                f"two pauses of more than {LONGEST_FILLED_GAP / NS_PER_S:.0f} s in one packet: clock errors?"
             )
         width, height = self._size
         if events["x"].max() >= width or events["y"].max() >= height:

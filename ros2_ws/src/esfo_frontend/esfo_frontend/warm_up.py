@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from esfo_core.events import EventArray, make_events
+from esfo_core.events import NS_PER_S, EventArray, make_events
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import FrontendOptions
 
@@ -29,6 +29,6 @@ def drifting_squares(duration_s: float) -> EventArray:
         leave = np.minimum((x - cx + half) / speed[0], (y - cy + half) / speed[1])
         for polarity, t in ((1, enter), (0, leave)):
             seen = (enter < leave) & (t > 0) & (t < duration_s)
-            parts.append(make_events(x[seen], y[seen], np.full(seen.sum(), polarity), np.rint(t[seen] * 1e9)))
+            parts.append(make_events(x[seen], y[seen], np.full(seen.sum(), polarity), np.rint(t[seen] * NS_PER_S)))
     events = np.concatenate(parts)
     return events[np.argsort(events["t"], kind="stable")]

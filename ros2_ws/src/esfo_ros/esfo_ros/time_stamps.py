@@ -5,13 +5,12 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 
 from esfo_core.errors import EsfoError
-
-SECOND = 1_000_000_000
+from esfo_core.events import NS_PER_S
 
 
 def to_stamp(ns: int) -> Time:
     """Return nanoseconds as a ROS time. Raises EsfoError for a time that ROS cannot express."""
-    seconds, nanoseconds = divmod(ns, SECOND)
+    seconds, nanoseconds = divmod(ns, NS_PER_S)
     if not 0 <= seconds < 2**31:
         raise EsfoError(f"time {ns} ns does not fit a ROS time stamp")
     return Time(sec=seconds, nanosec=nanoseconds)
@@ -19,4 +18,4 @@ def to_stamp(ns: int) -> Time:
 
 def from_stamp(stamp: Time) -> int:
     """Return a ROS time in nanoseconds."""
-    return int(stamp.sec) * SECOND + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

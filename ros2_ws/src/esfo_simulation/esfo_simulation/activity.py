@@ -6,7 +6,8 @@ import numpy as np
 
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
-from esfo_core.orbit import NS_PER_S, Matrix, Spin
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Spin
 
 _STEPS = 4
 """Positions per bin: a fast point crosses several cells in one bin."""

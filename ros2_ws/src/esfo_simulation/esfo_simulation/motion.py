@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.errors import SimulationError
-from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector, object_frame, rotation
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Spin, Vector, object_frame, rotation
 
 
 class Motion(Protocol):

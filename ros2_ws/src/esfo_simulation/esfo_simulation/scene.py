@@ -10,9 +10,9 @@ import numpy as np
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.options import check, option
-from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector, object_frame, rotation
+from esfo_core.orbit import Matrix, Spin, Vector, object_frame, rotation
 from esfo_simulation.motion import BodyMotion
 from esfo_simulation.objects.catalogue import OBJECTS
 from esfo_simulation.objects.mesh import read_mesh
@@ -31,7 +31,7 @@ are ours, the paper does not print its own; none is a round one, so that no scen
 
 SPEEDS_HZ = {"slow": 0.2, "medium": 0.5, "fast": 1.0}
 
-START_NS = 1_000_000_000
+START_NS = NS_PER_S
 """Sensor time of the first frame: not 0, which ROS takes for no time."""
 
 FOCAL_PER_HEIGHT = 5 / 3

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
-from esfo_core.events import EventArray
-from esfo_core.orbit import NS_PER_S, Matrix
+from esfo_core.events import NS_PER_S, EventArray
+from esfo_core.orbit import Matrix
 from esfo_simulation.motion import Motion
 from esfo_simulation.render.renderer import Light, Renderer, Window
 from esfo_simulation.render.surface import Model

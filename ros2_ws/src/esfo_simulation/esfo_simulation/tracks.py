@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
+from esfo_core.events import NS_PER_S
 from esfo_core.options import option
-from esfo_core.orbit import NS_PER_S, Spin
+from esfo_core.orbit import Spin
 from esfo_core.tracks import Tracks
 
 

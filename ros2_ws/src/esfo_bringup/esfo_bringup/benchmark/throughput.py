@@ -10,7 +10,7 @@ from typing import Any
 
 from esfo_bringup.progress import follow
 from esfo_core.errors import RecordingError
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.recordings import Recording
 from esfo_frontend.corners.detector import CornerDetector
 from esfo_frontend.frontend import Frontend

@@ -18,7 +18,7 @@ from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import follow
 from esfo_core.camera import Camera
 from esfo_core.evaluation.track_error import SHORTEST, fit_tracks
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.recordings import ReadingOptions, open_recording
 from esfo_core.recordings.event_camera_dataset import SENSOR, read_calib, read_groundtruth
 from esfo_core.tracks import Tracks

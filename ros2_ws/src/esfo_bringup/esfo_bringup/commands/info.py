@@ -10,8 +10,7 @@ import numpy as np
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.progress import follow
-from esfo_core.events import EventArray
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.recordings import Recording
 
 PEAK_WINDOW_NS = 10_000_000

@@ -11,8 +11,8 @@ from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.commands.reading import add_assignments
 from esfo_bringup.errors import CommandError
 from esfo_bringup.progress import advance, share_bar
+from esfo_core.events import NS_PER_S
 from esfo_core.options import parse_assignments, replace
-from esfo_core.orbit import NS_PER_S
 from esfo_simulation.handheld.rooms import ROOMS
 from esfo_simulation.handheld.scene import HandheldOptions
 from esfo_simulation.objects.catalogue import OBJECTS

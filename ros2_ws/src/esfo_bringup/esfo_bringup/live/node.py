@@ -33,6 +33,7 @@ from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
 from esfo_core.errors import EsfoError
+from esfo_core.events import NS_PER_S
 from esfo_core.options import parse_assignments
 from esfo_core.tracks import Tracks
 
@@ -71,7 +72,7 @@ class CollectorNode(Node):  # type: ignore[misc]
 
     def _on_activity(self, message: EventActivity) -> None:
         self.activity.append(messages.activity_from(message))
-        self._bar.update((message.t0 - self.activity[0].t0) / 1e9 - self._bar.n)
+        self._bar.update((message.t0 - self.activity[0].t0) / NS_PER_S - self._bar.n)
 
     def _on_points(self, message: PointCloud2) -> None:
         self.points = message
@@ -79,7 +80,7 @@ class CollectorNode(Node):  # type: ignore[misc]
     def _on_orbit(self, message: OrbitEstimate) -> None:
         self.orbit = message
         self.orbits += 1
-        seen = (message.t_last - message.t_first) / 1e9
+        seen = (message.t_last - message.t_first) / NS_PER_S
         if message.status == OrbitEstimate.STATUS_FAILED:
             tqdm.write(f"{seen:7.2f} s  no estimate: {message.reason}")
         else:

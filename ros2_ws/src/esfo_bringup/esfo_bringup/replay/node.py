@@ -19,7 +19,7 @@ from esfo_bringup.offline.source import choose_camera
 from esfo_bringup.replay.messages import acknowledged_until, camera_info_message, clock_message, packet_message
 from esfo_bringup.replay.player import Pace, ReplayError, ReplayOptions, packets
 from esfo_core.errors import OptionError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.recordings import open_recording
 from esfo_ros.entry_point import run
 from esfo_ros.parameters import declare_fields
@@ -99,7 +99,7 @@ class ReplayNode(Node):  # type: ignore[misc]
             elif self.count_publishers("event_activity") == 0:
                 self.get_logger().warning("nobody acknowledges events on event_activity: going on in real time")
                 self._pace = self._new_pace(1.0)
-            executor.spin_once(timeout_sec=min(delay, CLOCK_NS / 1e9))
+            executor.spin_once(timeout_sec=min(delay, CLOCK_NS / NS_PER_S))
 
     def _send(self, events: EventArray) -> None:
         last = int(events["t"][-1])
@@ -119,7 +119,7 @@ class ReplayNode(Node):  # type: ignore[misc]
         self._pace.acknowledged(acknowledged_until(message), time.monotonic())
 
     def _new_pace(self, rate: float) -> Pace:
-        return Pace(rate, round(self._options.in_flight_s * 1e9), self._options.stall_s)
+        return Pace(rate, round(self._options.in_flight_s * NS_PER_S), self._options.stall_s)
 
 
 def main() -> None:

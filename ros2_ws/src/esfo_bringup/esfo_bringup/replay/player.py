@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from esfo_core.errors import EsfoError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.options import option
 from esfo_core.recordings import ReadingOptions, Recording
 
@@ -73,7 +73,7 @@ class Pace:
         if self._start is None:
             self._start, self._acknowledged, self._progress = (t, now), t, now
         if self._rate > 0:
-            return max(0.0, (t - self._start[0]) / 1e9 / self._rate - (now - self._start[1]))
+            return max(0.0, (t - self._start[0]) / NS_PER_S / self._rate - (now - self._start[1]))
         if self._sent is None or self._sent - self._acknowledged <= self._in_flight_ns:
             return 0.0
         if now - self._progress > self._stall_s:
@@ -83,7 +83,7 @@ class Pace:
     def sensor_time(self, now: float) -> int:
         """Sensor time in ns that belongs to the wall time `now`, with rate > 0, once `delay` has been called."""
         assert self._start is not None
-        return self._start[0] + round((now - self._start[1]) * self._rate * 1e9)
+        return self._start[0] + round((now - self._start[1]) * self._rate * NS_PER_S)
 
     def sent(self, t: int) -> None:
         """Note that events up to `t` ns are under way."""

@@ -21,7 +21,7 @@ from esfo_bringup.replay.messages import camera_info_message
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.tracks import Tracks
 from esfo_frontend.overlay import TRAIL_NS, compose, line_pixels, screw_line
 from esfo_frontend.ros.messages import header_at, image_message

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from esfo_core.events import EventArray
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.recordings import Recording
 from esfo_frontend.frontend import FrontendOutput
 
-_PERIOD_NS = int(NS_PER_S)
+_PERIOD_NS = NS_PER_S
 
 
 @dataclass(frozen=True)

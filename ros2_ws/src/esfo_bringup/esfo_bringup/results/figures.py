@@ -15,7 +15,8 @@ from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, EventImage
 from esfo_bringup.results.rate_over_time import RateOverTime
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NS_PER_S, object_frame
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import object_frame
 
 mpl.use("Agg")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from esfo_backend.spin_rate.correlation import counts_of, features_of
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 _PER_TURN = 8
 _LEAST_BINS = 12

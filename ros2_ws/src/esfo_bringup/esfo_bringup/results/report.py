@@ -11,6 +11,7 @@ from pathlib import Path
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.events import NS_PER_S
 
 _PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{title}</title>
@@ -51,7 +52,7 @@ def write_report(result: RunResult, source: Source, versions: Mapping[str, str],
 
 def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
     e, r = result.estimate, source.recording
-    facts = [("recording", f"{r.format}, {r.width}x{r.height} px, {(e.t_last - e.t_first) / 1e9:.3f} s")]
+    facts = [("recording", f"{r.format}, {r.width}x{r.height} px, {(e.t_last - e.t_first) / NS_PER_S:.3f} s")]
     if e.spin is not None:
         axis, center = (", ".join(f"{v:+.4f}" for v in a) for a in (e.spin.axis, e.spin.center))
         facts += [

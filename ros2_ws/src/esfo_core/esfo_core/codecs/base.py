@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.errors import RecordingError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 
 Bytes: TypeAlias = bytes | bytearray | memoryview | NDArray[np.uint8]
 
@@ -68,7 +68,7 @@ class Decoder(ABC):
         """
         parts = self.decode_parts(data, time_base)
         if len(parts) > 1:
-            back = (parts[0]["t"][-1] - parts[1]["t"][0]) / 1e9
+            back = (parts[0]["t"][-1] - parts[1]["t"][0]) / NS_PER_S
             raise RecordingError(f"time steps back by {back:.6f} s inside a packet")
         return parts[0]
 

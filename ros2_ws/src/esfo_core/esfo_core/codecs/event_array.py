@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder
 from esfo_core.errors import RecordingError
-from esfo_core.events import EventArray, empty_events, make_events
+from esfo_core.events import NS_PER_S, EventArray, empty_events, make_events
 
-NS_PER_S = 1_000_000_000
 CDR_STRIDE = 16
 ROS1_EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("sec", "<u4"), ("nanosec", "<u4"), ("p", "u1")])
 

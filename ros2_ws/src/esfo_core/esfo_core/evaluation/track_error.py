@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
-from esfo_core.orbit import NS_PER_S, Matrix
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix
 from esfo_core.tracks import Tracks
 
 WorldToCamera = Callable[[NDArray[np.int64]], tuple[NDArray[np.float64], Matrix]]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, RecordingError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.orbit import Matrix
 
 POSE_PERIOD_NS = 5_000_000
@@ -26,7 +26,6 @@ POSE_PERIOD_NS = 5_000_000
 SENSOR = (240, 180)
 """Width and height in pixels of the DAVIS240C; `calib.txt` does not say them."""
 
-_SECOND = 1_000_000_000
 _UNIT_TOLERANCE = 1e-3
 
 
@@ -89,7 +88,7 @@ def write_event_camera_dataset(
     with (folder / "events.txt").open("w") as file:
         for events in chunks:
             count += len(events)
-            whole, part = np.divmod(events["t"], _SECOND)
+            whole, part = np.divmod(events["t"], NS_PER_S)
             columns = np.stack([whole, part, events["x"], events["y"], events["p"]], axis=1)
             file.write("%d.%09d %d %d %d\n" * len(events) % tuple(columns.ravel().tolist()))
     return count
@@ -105,7 +104,7 @@ def read_groundtruth(path: Path) -> Poses:
     rows: list[list[float]] = []
     for number, fields in _lines(path):
         try:
-            times.append(int(np.int64(int((Decimal(fields[0]) * _SECOND).to_integral_value()))))
+            times.append(int(np.int64(int((Decimal(fields[0]) * NS_PER_S).to_integral_value()))))
             rows.append([float(field) for field in fields[1:]])
         except (InvalidOperation, ValueError, OverflowError) as error:
             raise RecordingError(f"{path}: line {number} is no pose: {' '.join(fields)[:80]!r}") from error
@@ -152,7 +151,7 @@ def _calib_line(camera: Camera) -> str:
 
 
 def _seconds(t: int) -> str:
-    return f"{t // _SECOND}.{t % _SECOND:09d}"
+    return f"{t // NS_PER_S}.{t % NS_PER_S:09d}"
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:

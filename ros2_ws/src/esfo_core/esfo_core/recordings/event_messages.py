@@ -12,6 +12,7 @@ from rosbags.typesys import get_types_from_msg
 
 from esfo_core.codecs.event_array import ROS1_EVENT
 from esfo_core.errors import RecordingError
+from esfo_core.events import NS_PER_S
 from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet, packet_from_cdr
 from esfo_core.recordings.messages import stamp_of, typestore
 
@@ -89,5 +90,5 @@ def _ros1_event_array(data: bytes) -> Packet:
     frame_id = bytes(data[16 : 16 + length]).decode()
     height, width, count = struct.unpack_from("<III", data, 16 + length)
     events = np.frombuffer(data, np.uint8, ROS1_EVENT.itemsize * count, 28 + length)
-    stamp = seconds * 1_000_000_000 + nanoseconds
+    stamp = seconds * NS_PER_S + nanoseconds
     return Packet(seq, width, height, "ros1_event_array", False, 0, events, stamp, frame_id, True)

@@ -9,6 +9,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from esfo_core.camera import Camera
+from esfo_core.events import NS_PER_S
 from esfo_core.packets import EVENT_PACKET, OLD_EVENT_PACKET
 
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -75,7 +76,7 @@ def info_from_camera(camera: Camera, stamp_ns: int, frame_id: str) -> Any:
 def header(stamp_ns: int, frame_id: str) -> Any:
     """Return a ROS 2 `std_msgs/Header` with the time in ns."""
     types = typestore().types
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    seconds, nanoseconds = divmod(stamp_ns, NS_PER_S)
     stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
     return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
@@ -83,4 +84,4 @@ def header(stamp_ns: int, frame_id: str) -> Any:
 def stamp_of(message: Any) -> int:
     """Return the host time in ns in the header of a ROS 1 or ROS 2 message."""
     stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

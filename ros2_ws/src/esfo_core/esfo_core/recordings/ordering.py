@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from esfo_core.codecs import MAX_STEP_BACK
 from esfo_core.errors import RecordingError
-from esfo_core.events import EVENT_DTYPE, EventArray
+from esfo_core.events import EVENT_DTYPE, NS_PER_S, EventArray
 
 
 class TimeOrder:
@@ -52,7 +52,7 @@ class TimeOrder:
         if self._waiting and self._waiting[-1][1][-1] > times[0]:
             latest = int(self._waiting[-1][1][-1])
             if latest - times[0] > MAX_STEP_BACK:
-                raise RecordingError(f"time steps back by {(latest - times[0]) / 1e9:.6f} s, to {times[0]} ns")
+                raise RecordingError(f"time steps back by {(latest - times[0]) / NS_PER_S:.6f} s, to {times[0]} ns")
             self.out_of_order += int(np.searchsorted(times, latest))
             overlapping: list[EventArray] = []
             while self._waiting and self._waiting[-1][1][-1] > times[0]:

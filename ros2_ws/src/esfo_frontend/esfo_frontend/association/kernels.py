@@ -7,7 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from esfo_core.events import NS_PER_S
 from esfo_frontend.association.track_table import NO_TRACK, link, unlink
+
+S_PER_NS = 1 / NS_PER_S
 
 SPEED_STEP = 1.002
 """Factor by which a corner moves the typical speed towards that of its track: a running median over ~1000 corners."""
@@ -82,7 +85,7 @@ def nearest_track(corner, tracks, grid, limits):  # type: ignore[no-untyped-def]
             while k >= 0:
                 track = tracks[k]
                 if track.polarity == p and t <= track.deadline:
-                    dt = (t - track.t) * 1e-9
+                    dt = (t - track.t) * S_PER_NS
                     dx, dy = x - track.x - track.vx * dt, y - track.y - track.vy * dt
                     d2 = dx * dx + dy * dy
                     if d2 < least or (d2 == least and (best < 0 or track.born < tracks[best].born)):
@@ -112,7 +115,7 @@ def update_track(track, x, y, t, shared, limits):  # type: ignore[no-untyped-def
     The velocity is shrunk by E / (E + 2), E = squared path explained by it: the corners scatter by about 1 px in both
     coordinates, so a velocity that explains less than that is chance.
     """
-    dt = (t - track.t) * 1e-9
+    dt = (t - track.t) * S_PER_NS
     speed = np.hypot(track.vx, track.vy)
     keep = np.exp(-max(speed, SLOWEST * shared.speed) * dt / limits.memory)
     x, y = x - track.x0, y - track.y0
@@ -149,10 +152,10 @@ def set_deadline(track, shared, limits):  # type: ignore[no-untyped-def]
     elif track.id < 0:
         coast *= 0.5
     gap = limits.longest_gap
-    if speed * gap > coast * 1e9:
-        gap = coast * 1e9 / speed
-    if shared.speed * gap > limits.wait * 1e9:
-        gap = limits.wait * 1e9 / shared.speed
+    if speed * gap > coast * NS_PER_S:
+        gap = coast * NS_PER_S / speed
+    if shared.speed * gap > limits.wait * NS_PER_S:
+        gap = limits.wait * NS_PER_S / shared.speed
     track.deadline = track.t + np.int64(gap)
 
 
@@ -163,7 +166,7 @@ def add_to_row(track, x, y, t, limits):  # type: ignore[no-untyped-def]
         track.row_t0, track.row_x, track.row_y = t, track.x, track.y
         track.row_st = track.row_stt = track.row_sx = track.row_sy = 0.0
         track.row_stx = track.row_sty = track.row_sq = 0.0
-    s, x, y = (t - track.row_t0) * 1e-9, x - track.x0, y - track.y0
+    s, x, y = (t - track.row_t0) * S_PER_NS, x - track.x0, y - track.y0
     track.row_n += 1
     track.row_st += s
     track.row_stt += s * s
@@ -186,6 +189,6 @@ def write_row(track, lag, row):  # type: ignore[no-untyped-def]
     if spread > 0.0:
         scatter -= ((track.row_stx - n * s * x) ** 2 + (track.row_sty - n * s * y) ** 2) / spread
     row.id, row.n, row.residual = track.id, n, max(scatter, 0.0)
-    row.t = track.row_t0 + np.int64(np.rint(s * 1e9))
+    row.t = track.row_t0 + np.int64(np.rint(s * NS_PER_S))
     ahead = lag / max(np.hypot(track.vx, track.vy), 1e-9)
     row.u, row.v = track.x0 + x + ahead * track.vx, track.y0 + y + ahead * track.vy

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_core.events import EventArray, empty_events
+from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_frontend.clustering.hdbscan import condensed_tree, package
 from esfo_frontend.clustering.hdbscan.kd_tree import build_tree
 from esfo_frontend.clustering.hdbscan.spanning_tree import minimum_spanning_tree
 from esfo_frontend.options import ClusterOptions, nanoseconds
 
 NOISE = condensed_tree.NOISE
-NS_PER_S = 1e9
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_core.events import EventArray, empty_events
-from esfo_frontend.clustering.chunk_clusterer import NOISE, NS_PER_S, SettledClusters
+from esfo_core.events import NS_PER_S, EventArray, empty_events
+from esfo_frontend.clustering.chunk_clusterer import NOISE, SettledClusters
 from esfo_frontend.options import JoinOptions
 
 

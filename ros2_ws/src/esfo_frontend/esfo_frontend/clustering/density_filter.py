@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_frontend.clustering.neighbour_counter import NeighbourCounter, neighbourhood
 from esfo_frontend.options import DensityOptions
 
@@ -62,4 +62,4 @@ class DensityFilter:
 
     def _weight(self, age: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the weights (N,) in the mean of corners of so many ns ago."""
-        return np.ones(len(age)) if self._memory == 0 else np.exp(-age / (1e9 * self._memory))
+        return np.ones(len(age)) if self._memory == 0 else np.exp(-age / (NS_PER_S * self._memory))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 
-SECOND = 1_000_000_000
+from esfo_core.events import NS_PER_S
 
-WINDOW_NS = 10 * SECOND
+WINDOW_NS = 10 * NS_PER_S
 """Sensor time after which a packet is forgotten: so long a step of a clock to later times can go unnoticed."""
 
 DRIFT = 10_000
 """One part in this many, 100 ppm, is the fastest drift that is followed without lag; oscillators stay below."""
 
-JUMP_NS = SECOND
+JUMP_NS = NS_PER_S
 """A packet this far off the estimate tells of another clock: no transport within one machine takes so long."""
 
 BUCKET_NS = WINDOW_NS // 1000

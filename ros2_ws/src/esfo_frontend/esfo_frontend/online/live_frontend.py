@@ -9,7 +9,7 @@ import numpy as np
 
 from esfo_core.codecs import MAX_STEP_BACK, Decoder, decoder
 from esfo_core.errors import EsfoError, RecordingError
-from esfo_core.events import EventArray, empty_events
+from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_core.options import option
 from esfo_core.packets import Packet
 from esfo_frontend.frontend import Frontend, FrontendOutput
@@ -18,7 +18,7 @@ from esfo_frontend.online.sequence_tracker import SequenceTracker, Turn
 from esfo_frontend.online.stream_health import Health, LiveTotals
 from esfo_frontend.options import FrontendOptions, check_for_sensor, check_options
 
-RESTART_NS = 1_000_000_000
+RESTART_NS = NS_PER_S
 """Time going back by more than this is a new stream (a bag that loops); by less, events that are late.
 
 Where the packets are numbered anew as well, `MAX_STEP_BACK` is enough.

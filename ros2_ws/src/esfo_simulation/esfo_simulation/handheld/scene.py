@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from esfo_core.camera import Camera
+from esfo_core.events import NS_PER_S
 from esfo_core.options import check, option
-from esfo_core.orbit import NS_PER_S
 from esfo_simulation.handheld.rooms import EVEN_LIGHT, ROOMS
 from esfo_simulation.handheld.schedule import frame_times_in_view
 from esfo_simulation.handheld.trajectory import MOTIONS, HandheldTrajectory, random_trajectory

@@ -12,6 +12,7 @@ from scipy.ndimage import maximum_filter1d
 from scipy.spatial import cKDTree
 
 from esfo_core.camera import Camera
+from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Vector
 from esfo_simulation.motion import Motion
 from esfo_simulation.render.surface import Model
@@ -86,7 +87,7 @@ def frame_times_in_view(motion: Motion, model: Model, camera: Camera, span: tupl
 def image_speed(motion: Motion, points: Matrix, camera: Camera, t: float) -> float:
     """Return the largest image speed in px/s among those of the points (N, 3) that are in view at `t` ns."""
     half = 1e4  # ns: an angle below 1e-3 rad for every motion slower than 100 rad/s
-    return _View(camera).largest_shift(points, motion, t - half, t + half) / (2 * half * 1e-9)
+    return _View(camera).largest_shift(points, motion, t - half, t + half) / (2 * half / NS_PER_S)
 
 
 class _View:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from esfo_core.orbit import NS_PER_S, Matrix, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Vector
 
 FORWARD = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """Rotation optical frame -> world (x right, y ahead, z up) of a level camera that looks along the world's y axis."""

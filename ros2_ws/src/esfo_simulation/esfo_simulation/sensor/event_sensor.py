@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.errors import SimulationError
-from esfo_core.events import EventArray
+from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.options import check
-from esfo_core.orbit import NS_PER_S
 from esfo_simulation.render.renderer import Levels
 from esfo_simulation.sensor.illumination import Flicker, low_pass
 from esfo_simulation.sensor.noise import ShotNoise, Variation, vary

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 Column = NDArray[np.float64]
 

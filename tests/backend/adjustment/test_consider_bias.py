@@ -11,7 +11,8 @@ from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.orbit.observations import observations
 from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
-from esfo_core.orbit import NS_PER_S, angle_between, rotation, tangent_basis
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import angle_between, rotation, tangent_basis
 from esfo_core.tracks import Tracks
 
 AXIS = unit(0.3, -0.8, 0.4)

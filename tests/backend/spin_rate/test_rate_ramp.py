@@ -9,7 +9,8 @@ from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions, InitialisationOptions, SpinRateOptions
 from esfo_backend.spin_rate.rate_ramp import find_rate_ramp
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S, angle_between
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import angle_between
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_simulation.activity import synthetic_activity
 

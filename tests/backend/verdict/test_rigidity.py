@@ -12,7 +12,8 @@ from esfo_backend.orbit.observations import ObservationRows, Observations, obser
 from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.spin_rate.aperiodic import _ends, explain_aperiodic, translation_spread
 from esfo_backend.verdict.rigidity import Rigidity, rigidity, widened
-from esfo_core.orbit import NS_PER_S, angle_between, rotation
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import angle_between, rotation
 from esfo_core.tracks import Tracks
 
 AXIS = unit(0.3, -0.8, 0.4)

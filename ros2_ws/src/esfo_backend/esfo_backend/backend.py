@@ -21,8 +21,8 @@ from esfo_backend.verdict.build_estimate import Optimum, build_estimate
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.events import NS_PER_S
 from esfo_core.options import check
-from esfo_core.orbit import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
 
 _SEARCH_TRACKS = 4

@@ -28,7 +28,7 @@ from esfo_backend.verdict.verdict import unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.tracks import Tracks
 
 _MOST_GRAPHS = 3

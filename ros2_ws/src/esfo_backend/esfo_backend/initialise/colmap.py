@@ -14,7 +14,8 @@ from esfo_backend.errors import BackendError
 from esfo_backend.initialise.circle import CameraOrbit, orbit_of_cameras
 from esfo_backend.options import InitialisationOptions
 from esfo_core.camera import Camera
-from esfo_core.orbit import NS_PER_S, Matrix, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
 
 # A track set without a model is an answer here, not an error to print.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from esfo_backend.options import MemoryOptions
 from esfo_backend.orbit.selection import TrackTable, spread
 from esfo_core.activity import Activity, ActivityError
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
 
 LONGEST_GAP_NS = 60_000_000_000

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from esfo_core.orbit import NS_PER_S, Matrix
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix
 from esfo_core.tracks import Tracks
 
 _LEAST_ROWS = 4

@@ -17,7 +17,8 @@ from scipy.ndimage import gaussian_filter1d
 from esfo_backend.errors import BackendError
 from esfo_backend.options import SpinRateOptions
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S, Matrix, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Vector
 
 _UPSAMPLING = 16
 _SMOOTHING_BINS = 1.5

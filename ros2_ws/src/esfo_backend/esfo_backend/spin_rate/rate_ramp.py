@@ -19,7 +19,8 @@ from esfo_backend.options import SpinRateOptions
 from esfo_backend.orbit.observations import ObservationRows, Observations
 from esfo_backend.spin_rate.correlation import SpinRate, autocorrelation, counts_of, features_of, peaks_of, period_of
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S, Matrix, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Vector
 
 _STEEPEST = 1.9
 """Largest change of the rate over the recording, relative to its mean; at 2 the object stands still at one end."""

@@ -21,7 +21,7 @@ from esfo_backend.verdict.rate_slope import RateSlope, rate_slope
 from esfo_backend.verdict.rigidity import rigidity, widened
 from esfo_backend.verdict.verdict import Evidence, judge, moves_on
 from esfo_core.estimate import Alternative, OrbitEstimate
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 
 @dataclass(frozen=True)

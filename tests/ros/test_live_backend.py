@@ -5,11 +5,12 @@ import pytest
 
 from esfo_backend.options import BackendOptions
 from esfo_backend.ros import live_backend as live_module
-from esfo_backend.ros.live_backend import LiveBackend, summary, verdict_values
+from esfo_backend.ros.live_backend import LiveBackend, verdict_values
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.estimate_text import one_line
 from esfo_core.tracks import Tracks, TrackUpdate
 
 MS = 1_000_000
@@ -84,7 +85,7 @@ def test_data_that_allow_no_estimate_give_a_failure_that_says_why(live):
     estimate = live.solve()
     assert estimate.status == "failed"
     assert "overlaps" in estimate.reason
-    assert summary(estimate) == f"failed: {estimate.reason}"
+    assert one_line(estimate) == f"failed: {estimate.reason}"
     assert verdict_values(estimate)["reason"] == estimate.reason
     assert verdict_values(None) == {"status": "no estimate yet"}
-    assert "nothing" in summary(OrbitEstimate.failure("nothing"))
+    assert "nothing" in one_line(OrbitEstimate.failure("nothing"))

@@ -27,7 +27,7 @@ MAX_WAITING = 20_000
 
 
 @dataclass(frozen=True)
-class LiveOptions:
+class BackendNodeOptions:
     """What the node itself needs."""
 
     object_frame: str = option("object", "name of the object's frame")
@@ -134,18 +134,6 @@ class LiveBackend:
                 f"camera_info is of {camera.width}x{camera.height} px, the events of a sensor of {columns}x{rows} "
                 f"cells of {cell} px"
             )
-
-
-def summary(estimate: OrbitEstimate) -> str:
-    """Return an estimate in one line."""
-    if estimate.spin is None:
-        return f"{estimate.status}: {estimate.reason}"
-    axis = ", ".join(f"{v:.4f}" for v in estimate.spin.axis)
-    flags = f" ({', '.join(estimate.flags)})" if estimate.flags else ""
-    return (
-        f"{estimate.status}{flags}: {estimate.spin.rate_hz:.5f} +- {estimate.rate_std_hz:.5f} Hz, "
-        f"axis [{axis}] +- {estimate.axis_std_deg:.2f} deg, {len(estimate.points)} points, {estimate.rms_px:.2f} px"
-    )
 
 
 def verdict_values(estimate: OrbitEstimate | None) -> dict[str, object]:

@@ -20,11 +20,12 @@ from visualization_msgs.msg import MarkerArray
 
 from esfo_backend.options import PRESETS, BackendOptions
 from esfo_backend.ros import messages
-from esfo_backend.ros.live_backend import LiveBackend, LiveOptions, summary, verdict_values
+from esfo_backend.ros.live_backend import BackendNodeOptions, LiveBackend, verdict_values
 from esfo_backend.scale import check_scale
 from esfo_backend.warm_up import warm_up
 from esfo_core.errors import CameraError
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.estimate_text import one_line
 from esfo_core.orbit import Spin
 from esfo_core.recordings.messages import camera_from_info
 from esfo_ros.entry_point import run
@@ -50,7 +51,7 @@ MARKERS = Topic("markers", MarkerArray, latched(), "spin axis and orbit of the c
 TF = Topic("/tf", TFMessage, reliable(100), "pose of the object frame in the camera frame, 30 Hz of ROS time")
 
 
-class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
+class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
     """Callbacks take messages in; one worker thread solves and publishes."""
 
     INPUTS = (CAMERA_INFO, TRACKS, ACTIVITY)
@@ -70,7 +71,7 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
     )
 
     def __init__(self) -> None:
-        super().__init__("backend", PRESETS, LiveOptions())
+        super().__init__("backend", PRESETS, BackendNodeOptions())
 
     def check(self, options: BackendOptions) -> None:
         """Raise OptionError for more than one known length."""
@@ -158,9 +159,9 @@ class BackendNode(ManagedNode[BackendOptions, LiveOptions]):
         estimate = self._back_end.solve(thorough)
         self._publish(estimate)
         if thorough:
-            self.get_logger().info(summary(estimate))
+            self.get_logger().info(one_line(estimate))
         else:
-            self.get_logger().info(summary(estimate), throttle_duration_sec=1.0)
+            self.get_logger().info(one_line(estimate), throttle_duration_sec=1.0)
         counts = f"observations={self._back_end.observations} activity_bins={self._back_end.activity_bins}"
         return f"{counts} status={estimate.status}"
 

@@ -11,12 +11,14 @@ from esfo_bringup.commands.reading import add_assignments, add_recording
 from esfo_bringup.errors import CommandError
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source, open_source
-from esfo_bringup.results.summary import summary
 from esfo_bringup.settings import RunSettings, settings_for, share_out
+from esfo_core.estimate_text import facts
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions
 
 Commands = argparse._SubParsersAction  # the only name that argparse has for it
+
+_PRINTED = ("spin rate", "axis", "structure", "initialised", "status")
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +52,10 @@ def check_output(folder: Path) -> None:
 
 def report(result: RunResult, folder: Path, files: Sequence[str] = ("orbit.json", "report.html")) -> int:
     """Print the result, and which files to look at; the exit code is 0 for `ok` and 1, with one reason, otherwise."""
-    for line in summary(result):
-        print(line)
+    named = facts(result.estimate, result.note)
+    for name in _PRINTED:
+        if name in named:
+            print(f"{name:<12}{named[name]}")
     print(f"written     {folder}/{', '.join(files)}")
     if result.estimate.status != "ok":
         raise CommandError(f"{result.estimate.status}: {result.estimate.reason}")

@@ -33,6 +33,7 @@ from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
 from esfo_core.errors import EsfoError
+from esfo_core.estimate_text import one_line
 from esfo_core.events import NS_PER_S
 from esfo_core.options import parse_assignments
 from esfo_core.tracks import Tracks
@@ -81,10 +82,7 @@ class CollectorNode(Node):  # type: ignore[misc]
         self.orbit = message
         self.orbits += 1
         seen = (message.t_last - message.t_first) / NS_PER_S
-        if message.status == OrbitEstimate.STATUS_FAILED:
-            tqdm.write(f"{seen:7.2f} s  no estimate: {message.reason}")
-        else:
-            tqdm.write(f"{seen:7.2f} s  {message.rate_hz:.5f} Hz +- {message.rate_std_hz:.5f}, {message.points} points")
+        tqdm.write(f"{seen:7.2f} s  {one_line(messages.estimate_from(message, None), message.points)}")
 
     def spin_until(self, done: Callable[[], bool], processes: NodeProcesses, timeout_s: float, what: str) -> None:
         """Handle messages until `done`. Raises CommandError when a process dies or after the time."""
@@ -217,10 +215,10 @@ def main() -> int:
         bag = bag_path(args.output, source)
         with tempfile.TemporaryDirectory(prefix="esfo_live_") as folder:
             result, activity = run_live(source, args, Path(folder))
-        exposure = EventImage(source.recording.width, source.recording.height)
+        event_image = EventImage(source.recording.width, source.recording.height)
         for events in source.recording.chunks():
-            exposure.add(events)
-        write_results(result, source, exposure, activity, args.output)
+            event_image.add(events)
+        write_results(result, source, event_image, activity, args.output)
         bag.unlink(missing_ok=True)  # of an earlier `esfo run`, with another result
         return report(result, args.output)
     except EsfoError as error:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from esfo_backend.ros.live_backend import LiveOptions, verdict_values
+from esfo_backend.ros.live_backend import BackendNodeOptions, verdict_values
 from esfo_backend.ros.messages import estimate_messages, points_message, transform_message
 from esfo_backend.ros.node import TF_PERIOD_S, BackendNode
 from esfo_bringup.offline.pipeline import RunResult
@@ -32,7 +32,7 @@ TF_NS = round(TF_PERIOD_S * NS_PER_S)
 POINTS_NS = 3 * TF_NS
 """Viewers place a cloud by its own stamp alone: it is repeated, so that they see it turn."""
 
-CAMERA_FRAME, OBJECT_FRAME = ReplayOptions().frame_id, LiveOptions().object_frame
+CAMERA_FRAME, OBJECT_FRAME = ReplayOptions().frame_id, BackendNodeOptions().object_frame
 
 
 def write_outcome(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import base64
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
 
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source
 from esfo_core.estimate import OrbitEstimate
+from esfo_core.estimate_text import facts
 from esfo_core.events import NS_PER_S
 
 _PAGE = """<!doctype html>
@@ -40,7 +40,7 @@ def write_report(result: RunResult, source: Source, versions: Mapping[str, str],
         title=escape(f"Spin of {source.recording.path.name}"),
         status=estimate.status,
         reason=escape(estimate.reason),
-        rows=_table(_facts(result, source)),
+        rows=_table(_facts(result, source).items()),
         picture=_embedded(folder / "axis.png"),
         checks=_checks(folder / "checks.png"),
         alternatives=_alternatives(estimate),
@@ -50,30 +50,11 @@ def write_report(result: RunResult, source: Source, versions: Mapping[str, str],
     (folder / "report.html").write_text(page)
 
 
-def _facts(result: RunResult, source: Source) -> list[tuple[str, str]]:
+def _facts(result: RunResult, source: Source) -> dict[str, str]:
     e, r = result.estimate, source.recording
-    facts = [("recording", f"{r.format}, {r.width}x{r.height} px, {(e.t_last - e.t_first) / NS_PER_S:.3f} s")]
-    if e.spin is not None:
-        axis, center = (", ".join(f"{v:+.4f}" for v in a) for a in (e.spin.axis, e.spin.center))
-        facts += [
-            ("spin rate", f"{e.spin.rate_hz:.6f} Hz ± {e.rate_std_hz:.6f} ({60 * e.spin.rate_hz:.3f} rpm)"),
-            *_slope(e),
-            ("axis", f"({axis}) ± {e.axis_std_deg:.3f}°, camera optical frame, right-handed with the spin"),
-            ("centre", f"({center}), in {'orbit radii' if e.scale == 'unit' else 'metres'}"),
-            ("points", f"{len(e.points)} from {e.tracks} tracks and {e.observations} observations"),
-            ("turns seen", f"{e.revolutions:.2f}"),
-            ("reprojection error", f"{e.rms_px:.2f} px RMS"),
-            ("start", f"{e.initialisation}; {result.note}" if result.note else e.initialisation),
-        ]
-    if e.flags:
-        facts.append(("flags", ", ".join(e.flags)))
-    return facts
-
-
-def _slope(e: OrbitEstimate) -> list[tuple[str, str]]:
-    if not math.isfinite(e.rate_slope_hz_s):
-        return []
-    return [("its change", f"{e.rate_slope_hz_s:+.2e} Hz/s ± {e.rate_slope_std_hz_s:.1e}")]
+    recording = f"{r.format}, {r.width}x{r.height} px, {(e.t_last - e.t_first) / NS_PER_S:.3f} s"
+    found = {name: value.replace("+-", "±") for name, value in facts(e, result.note).items()}
+    return {"recording": recording, **found}
 
 
 def _embedded(picture: Path) -> str:
@@ -102,5 +83,5 @@ def _alternatives(estimate: OrbitEstimate) -> str:
     return f"<h2>Other explanations considered</h2><table>{_table(rows)}</table>"
 
 
-def _table(rows: list[tuple[str, str]]) -> str:
+def _table(rows: Iterable[tuple[str, str]]) -> str:
     return "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)

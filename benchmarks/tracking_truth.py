@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from esfo_core.camera import Camera
 from esfo_core.evaluation.track_error import FittedTracks, WorldToCamera
-from esfo_simulation.motion import Motion
+from esfo_simulation.motion import RigidMotion
 
 
-def poses_of(motion: Motion) -> WorldToCamera:
+def poses_of(motion: RigidMotion) -> WorldToCamera:
     """Return the poses of a simulated motion at many times."""
 
     def at(t: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -35,7 +35,7 @@ def places(fitted: FittedTracks, times: NDArray[np.int64]) -> NDArray[np.float64
     return result
 
 
-def offset_to_corners(fitted: FittedTracks, corners: NDArray[np.float64], camera: Camera, motion: Motion) -> str:
+def offset_to_corners(fitted: FittedTracks, corners: NDArray[np.float64], camera: Camera, motion: RigidMotion) -> str:
     """Compare the rows of good tracks with the nearest true corner (M, 3) within 6 px that is alone there.
 
     Returns the median offset along and across the motion, and its spread: a lag shows as a negative offset along it.

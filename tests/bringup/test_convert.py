@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from esfo_bringup.cli import main
-from esfo_bringup.commands.info import Course
+from esfo_bringup.commands.info import EventTiming
 from esfo_core.camera import Camera
 from esfo_core.codecs import encoder
 from esfo_core.events import make_events
@@ -185,8 +185,8 @@ def test_a_single_event_has_no_mean_rate(tmp_path, capsys):
 
 
 def test_gaps_are_found_across_windows():
-    course = Course()
+    timing = EventTiming()
     for times in ([0, 5], [100_000_005], [300_000_000, 300_000_001], [400_000_002]):
         t = np.array(times)
-        course.add(make_events(t * 0, t * 0, t * 0, t))
-    assert (course.gaps, course.longest_gap, course.gap_start, course.peak) == (2, 199_999_995, 100_000_005, 2)
+        timing.add(make_events(t * 0, t * 0, t * 0, t))
+    assert (timing.gaps, timing.longest_gap, timing.gap_start, timing.peak) == (2, 199_999_995, 100_000_005, 2)

@@ -6,13 +6,13 @@ pytest.importorskip("launch_ros.actions", reason="no launch_ros here: ROS comes 
 
 from launching import add_package, started
 
-import esfo_backend.options
-import esfo_backend.ros.live_backend
-import esfo_frontend.online.live_frontend
-import esfo_frontend.options
+from esfo_backend.options import BackendOptions
+from esfo_backend.ros.live_backend import BackendNodeOptions
 from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.player import ReplayOptions
 from esfo_core.options import fields_of
+from esfo_frontend.online.live_frontend import FrontendNodeOptions
+from esfo_frontend.options import FrontendOptions
 
 
 @pytest.fixture(autouse=True)
@@ -29,8 +29,8 @@ def files(tmp_path, monkeypatch):
 
 PIPELINE = {"frontend_node", "backend_node"}
 OPTIONS = {
-    "frontend_node": (esfo_frontend.options.FrontendOptions(), esfo_frontend.online.live_frontend.LiveOptions()),
-    "backend_node": (esfo_backend.options.BackendOptions(), esfo_backend.ros.live_backend.LiveOptions()),
+    "frontend_node": (FrontendOptions(), FrontendNodeOptions()),
+    "backend_node": (BackendOptions(), BackendNodeOptions()),
     "replay_node": (ReplayOptions(),),
     "camera_info_node": (CameraInfoOptions(),),
 }

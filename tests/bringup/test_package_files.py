@@ -22,8 +22,8 @@ SOURCE = ROOT / "ros2_ws/src"
 BRINGUP = SOURCE / "esfo_bringup"
 LAUNCH_FILE = BRINGUP / "launch/esfo.launch.py"
 NODES = {
-    "frontend": (esfo_frontend.options.FrontendOptions(), esfo_frontend.online.live_frontend.LiveOptions()),
-    "backend": (esfo_backend.options.BackendOptions(), esfo_backend.ros.live_backend.LiveOptions()),
+    "frontend": (esfo_frontend.options.FrontendOptions(), esfo_frontend.online.live_frontend.FrontendNodeOptions()),
+    "backend": (esfo_backend.options.BackendOptions(), esfo_backend.ros.live_backend.BackendNodeOptions()),
 }
 OTHERS = (ReplayOptions(), CameraInfoOptions())
 OF_ALL_NODES = {"preset", "autostart", "use_sim_time"}

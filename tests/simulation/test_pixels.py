@@ -7,7 +7,7 @@ from sensor_twin import walk_pixel
 from esfo_simulation.sensor.illumination import Flicker
 from esfo_simulation.sensor.photoreceptor import time_constants
 from esfo_simulation.sensor.pixel import BLIND, PLACE, SINCE
-from esfo_simulation.sensor.pixels import EventImage, Response, Shots, expose, mark_active, renew_bands
+from esfo_simulation.sensor.pixels import Exposure, Response, Shots, expose, mark_active, renew_bands
 
 N, STEPS, STEP_NS, LOW, SCALE = 12, 50, 5e5, -3.0, 1e-4
 BRIGHTEST = 65535
@@ -32,7 +32,7 @@ def run(levels, state, flicker, response, shots):
         borders = flicker.borders(begin, end)
         lamp = flicker.at(borders)
         margin = (int(np.floor(lamp.min() / SCALE)), int(np.ceil(lamp.max() / SCALE)))
-        exposure = EventImage(levels[k], levels[k + 1], LOW, SCALE, borders, lamp, margin, valid, response)
+        exposure = Exposure(levels[k], levels[k + 1], LOW, SCALE, borders, lamp, margin, valid, response)
         now = (shots[:, 1] >= begin) & (shots[:, 1] < end)
         mine = shots[now][np.lexsort((shots[now][:, 1], shots[now][:, 0]))]
         mine = Shots(mine[:, 0].astype(int), mine[:, 1].copy(), mine[:, 2].astype(int), mine[:, 3].copy())

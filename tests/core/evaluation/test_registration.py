@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from esfo_core.evaluation.registration import RegistrationError, Surface, register
+from esfo_core.evaluation.registration import MeshSurface, RegistrationError, register
 from esfo_core.orbit import Spin, object_frame, rotation
 from esfo_simulation.objects.catalogue import OBJECTS
 
@@ -19,7 +19,7 @@ def mesh():
 
 @pytest.fixture(scope="module")
 def surface(mesh):
-    return Surface(mesh)
+    return MeshSurface(mesh)
 
 
 def estimated(mesh, phase=0.0, noise=0.0, count=200, tilt=0.0):

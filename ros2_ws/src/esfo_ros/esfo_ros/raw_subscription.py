@@ -53,7 +53,7 @@ class RawSubscription:
         self.topic_name = self._subscription.topic_name
         self._wake = node.create_guard_condition(lambda: None, callback_group=NoExecutor())
         self._closed = False
-        self._thread = threading.Thread(target=self._run, name="intake", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="raw_subscription", daemon=True)
         self._thread.start()
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from esfo_core.camera import Camera
 from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
-from esfo_simulation.motion import Motion
+from esfo_simulation.motion import RigidMotion
 from esfo_simulation.render.surface import Model
 
 _TOLERANCE = 1e-4
@@ -123,7 +123,7 @@ def _faces_camera(model: Model, points: NDArray[np.int64], X: Matrix) -> NDArray
 
 
 def true_tracks(
-    model: Model, points: NDArray[np.int64], camera: Camera, motion: Motion, times: NDArray[np.int64]
+    model: Model, points: NDArray[np.int64], camera: Camera, motion: RigidMotion, times: NDArray[np.int64]
 ) -> Tracks:
     """Return where the points (P,) are seen at `times` (N,) ns: track k is point k, with rows only where it is seen."""
     parts = []

@@ -13,7 +13,7 @@ from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Spin, Vector, object_frame, rotation
 
 
-class Motion(Protocol):
+class RigidMotion(Protocol):
     """A rigid motion from the coordinates of a model to the camera's optical frame."""
 
     def pose(self, t: float) -> tuple[Matrix, Vector]:
@@ -76,7 +76,7 @@ class BodyMotion:
         return np.asarray(self.spin.t0 + NS_PER_S * 2 * turns / (rate + np.sqrt(under_root)))
 
     def pose(self, t: float) -> tuple[Matrix, Vector]:
-        """As `Motion.pose`."""
+        """As `RigidMotion.pose`."""
         angle = 2 * np.pi * float(self.turns(np.array(t)))
         R = rotation(self.spin.axis, angle)
         if self.nutation_rad:

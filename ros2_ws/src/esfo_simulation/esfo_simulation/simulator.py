@@ -15,7 +15,7 @@ from esfo_core.camera import Camera
 from esfo_core.errors import SimulationError
 from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.orbit import Matrix
-from esfo_simulation.motion import Motion
+from esfo_simulation.motion import RigidMotion
 from esfo_simulation.render.renderer import Light, Renderer, Window
 from esfo_simulation.render.surface import Model
 from esfo_simulation.sensor.event_sensor import Sensor
@@ -46,7 +46,7 @@ class Simulation:
     """
 
     model: Model
-    motion: Motion
+    motion: RigidMotion
     camera: Camera
     window: Window
     times: NDArray[np.float64]
@@ -115,7 +115,7 @@ class Simulation:
 
 
 def frame_times(
-    motion: Motion, vertices: Matrix, camera: Camera, span: tuple[float, float], samples: int
+    motion: RigidMotion, vertices: Matrix, camera: Camera, span: tuple[float, float], samples: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Choose times such that no vertex (V, 3) moves by more than `LARGEST_STEP_PX` between two of them.
 

@@ -23,7 +23,7 @@ from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.evaluation.orbit_error import compare, spin_of
-from esfo_core.evaluation.registration import RegistrationError, Surface, register
+from esfo_core.evaluation.registration import MeshSurface, RegistrationError, register
 from esfo_core.events import EventArray
 from esfo_core.orbit import Matrix, Spin, tangent_basis
 from esfo_core.recordings import Recording
@@ -43,7 +43,7 @@ class TrueScene:
     recording: Recording
     camera: Camera
     spin: Spin
-    surface: Surface | None
+    surface: MeshSurface | None
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def open_scene(path: Path) -> TrueScene:
     spin = spin_of(truth, str(truth_path))
     model = path.with_suffix(".ply")
     source = open_source(path, None)
-    surface = Surface(trimesh.load_mesh(model)) if model.is_file() else None
+    surface = MeshSurface(trimesh.load_mesh(model)) if model.is_file() else None
     return TrueScene(
         path.stem, source.recording, source.camera, Spin(spin.axis, spin.rate_hz, spin.center, t0), surface
     )

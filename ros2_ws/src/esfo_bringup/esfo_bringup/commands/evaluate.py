@@ -13,7 +13,7 @@ import trimesh
 from esfo_bringup.commands.arguments import Commands
 from esfo_bringup.errors import CommandError
 from esfo_core.evaluation.orbit_error import compare, spin_of
-from esfo_core.evaluation.registration import Surface, register
+from esfo_core.evaluation.registration import MeshSurface, register
 
 T = TypeVar("T")
 
@@ -53,7 +53,8 @@ def execute(args: argparse.Namespace) -> int:
 def _print_registration(args: argparse.Namespace, orbit: dict[str, Any], truth: dict[str, Any]) -> None:
     points = _load(args.result / "points.ply", trimesh.PointCloud)
     mesh = _load(args.model, trimesh.Trimesh)
-    found = register(np.asarray(points.vertices), spin_of(orbit, "estimate"), Surface(mesh), spin_of(truth, "truth"))
+    spins = spin_of(orbit, "estimate"), spin_of(truth, "truth")
+    found = register(np.asarray(points.vertices), spins[0], MeshSurface(mesh), spins[1])
     print(
         f"points are {found.mean_percent:.2f} % of the diameter from the surface in the mean, "
         f"{found.median_percent:.2f} % in the median, after registration"

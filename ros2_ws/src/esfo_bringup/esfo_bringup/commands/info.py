@@ -19,7 +19,7 @@ INFERRED = ", what the events need; the file tells no size"
 
 
 @dataclass
-class Course:
+class EventTiming:
     """How the events of a recording come over time.
 
     peak: most events in one of the windows of `PEAK_WINDOW_NS`. gaps: stretches without events longer than `GAP_NS`;
@@ -53,10 +53,10 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Read the whole recording and print what was met."""
     recording = opened(args)
-    course = Course()
+    timing = EventTiming()
     for events in follow(recording, recording.chunks(PEAK_WINDOW_NS), "reading"):
-        course.add(events)
-    for name, value in [*_contents(recording), *_times(recording, course), *_losses(recording)]:
+        timing.add(events)
+    for name, value in [*_contents(recording), *_times(recording, timing), *_losses(recording)]:
         print(f"{name:<12}{value}")
     return 0
 
@@ -81,16 +81,16 @@ def _camera(recording: Recording) -> str:
     return f"in the recording, focal lengths {camera.K[0, 0]:g} and {camera.K[1, 1]:g} px, {camera.distortion_model}"
 
 
-def _times(recording: Recording, course: Course) -> list[tuple[str, str]]:
+def _times(recording: Recording, timing: EventTiming) -> list[tuple[str, str]]:
     s = recording.statistics
     first, last = s.first_t or 0, s.last_t or 0
     duration = (last - first) / NS_PER_S
     mean = f"{s.events / duration / 1e6:.3f} Mev/s mean, " if duration else ""
-    peak = course.peak / (PEAK_WINDOW_NS / NS_PER_S) / 1e6
-    gaps = f"{course.gaps} without events for over {GAP_NS / NS_PER_S:g} s"
-    if course.gaps:
-        start = (course.gap_start - first) / NS_PER_S
-        gaps += f", the longest {course.longest_gap / NS_PER_S:.6f} s, {start:.6f} s after the first event"
+    peak = timing.peak / (PEAK_WINDOW_NS / NS_PER_S) / 1e6
+    gaps = f"{timing.gaps} without events for over {GAP_NS / NS_PER_S:g} s"
+    if timing.gaps:
+        start = (timing.gap_start - first) / NS_PER_S
+        gaps += f", the longest {timing.longest_gap / NS_PER_S:.6f} s, {start:.6f} s after the first event"
     return [
         ("duration", f"{duration:.6f} s"),
         ("rate", f"{mean}{peak:.3f} Mev/s in the busiest {PEAK_WINDOW_NS / NS_PER_S:g} s"),

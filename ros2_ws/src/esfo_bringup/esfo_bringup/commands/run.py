@@ -49,11 +49,11 @@ def execute(args: argparse.Namespace) -> int:
     if args.until == "tracks":
         return _track(source, settings, args.output)
     Thread(target=_load_ahead, daemon=True).start()  # while the recording is read
-    exposure = EventImage(source.recording.width, source.recording.height)
+    event_image = EventImage(source.recording.width, source.recording.height)
     activity: list[Activity] = []
 
     def listen(events: EventArray, output: FrontendOutput) -> None:
-        exposure.add(events)
+        event_image.add(events)
         bag.add(events, output)
         if output.activity is not None:
             activity.append(output.activity)
@@ -63,7 +63,7 @@ def execute(args: argparse.Namespace) -> int:
         bag.finish(result)
         from esfo_bringup.results.files import write_results
 
-        write_results(result, source, exposure, activity, args.output)
+        write_results(result, source, event_image, activity, args.output)
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)

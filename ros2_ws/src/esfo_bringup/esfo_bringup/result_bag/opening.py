@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple, Protocol
 from esfo_bringup.errors import CommandError
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source
-from esfo_bringup.result_bag.stream_health import Report, StreamHealth
+from esfo_bringup.result_bag.stream_health import HealthReport, StreamHealth
 from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
@@ -28,7 +28,7 @@ _MOST_WAITING = 200
 class EventRecorder(Protocol):
     """Writes a bag: `esfo_bringup.result_bag.recorder.Recorder`, which needs the ROS messages."""
 
-    def add(self, events: EventArray, output: FrontendOutput, health: Report | None) -> None:
+    def add(self, events: EventArray, output: FrontendOutput, health: HealthReport | None) -> None:
         """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
 
     def finish(self, result: RunResult) -> None:
@@ -45,7 +45,7 @@ MakeRecorder = Callable[[Path, Source, bool], EventRecorder]
 class _Piece(NamedTuple):
     events: EventArray
     output: FrontendOutput
-    health: Report | None
+    health: HealthReport | None
 
 
 def bag_path(folder: Path, source: Source) -> Path:

@@ -15,7 +15,7 @@ from esfo_bringup.result_bag.frames import Frames
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_bringup.result_bag.messages import STREAM_TOPICS
 from esfo_bringup.result_bag.outcome import write_outcome
-from esfo_bringup.result_bag.stream_health import Report
+from esfo_bringup.result_bag.stream_health import HealthReport
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.ros.messages import output_messages
@@ -44,7 +44,7 @@ class Recorder:
         self._first: int | None = None
         self._last = self._packets = 0
 
-    def add(self, events: EventArray, output: FrontendOutput, health: Report | None) -> None:
+    def add(self, events: EventArray, output: FrontendOutput, health: HealthReport | None) -> None:
         """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
         if len(events):
             self._first = int(events["t"][0]) if self._first is None else self._first

@@ -13,7 +13,7 @@ _PERIOD_NS = NS_PER_S
 
 
 @dataclass(frozen=True)
-class Report:
+class HealthReport:
     """State at the sensor time `t` in ns. problems: what went wrong in the second before; counts since the start."""
 
     t: int
@@ -30,7 +30,7 @@ class StreamHealth:
         self._events = self._reported_events = self._observations = 0
         self._reported_losses: Mapping[str, int] = {}
 
-    def add(self, events: EventArray, output: FrontendOutput) -> Report | None:
+    def add(self, events: EventArray, output: FrontendOutput) -> HealthReport | None:
         """Take in a chunk, and what it settled; return a report when a second is over."""
         self._events += len(events)
         self._observations += len(output.tracks.observations)
@@ -40,7 +40,7 @@ class StreamHealth:
         self._due = int(events["t"][0]) + _PERIOD_NS if self._due is None else self._due
         return self._report(t) if t >= self._due else None
 
-    def _report(self, t: int) -> Report:
+    def _report(self, t: int) -> HealthReport:
         losses = self._losses()
         new = {name: count - self._reported_losses.get(name, 0) for name, count in losses.items()}
         counts: dict[str, object] = {
@@ -50,7 +50,7 @@ class StreamHealth:
             **losses,
         }
         self._reported_events, self._reported_losses, self._due = self._events, losses, t + _PERIOD_NS
-        return Report(t, {name: f"{count} {name}" for name, count in new.items() if count}, counts)
+        return HealthReport(t, {name: f"{count} {name}" for name, count in new.items() if count}, counts)
 
     def _losses(self) -> dict[str, int]:
         s = self._recording.statistics

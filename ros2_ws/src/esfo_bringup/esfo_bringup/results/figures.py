@@ -26,19 +26,19 @@ _AXIS_COLOUR = "#d62728"
 _POINT_COLOUR = "#2ca02c"
 
 
-def draw_events(result: RunResult, camera: Camera, exposure: EventImage, path: Path) -> None:
+def draw_events(result: RunResult, camera: Camera, event_image: EventImage, path: Path) -> None:
     """Draw the events of a moment with the projected points, all events with the axis, and the structure."""
     estimate = result.estimate
     spin = estimate.spin
     duration = LONGEST_MOMENT_NS
     if spin is not None:
         duration = min(duration, round(_SNAPSHOT_TURN / spin.rate_hz * NS_PER_S))
-    moment = exposure.moment(duration)
+    moment = event_image.moment(duration)
     widths = [1.0, 1.0] if spin is None else [1.0, 1.0, 0.6]
     figure = Figure(figsize=(5.4 * sum(widths), 4.6), layout="constrained")
     axes = figure.subplots(1, len(widths), width_ratios=widths)
-    _image(axes[0], exposure.count(moment), f"events of {duration / 1e6:.0f} ms")
-    _image(axes[1], exposure.counts, "all events")
+    _image(axes[0], event_image.count(moment), f"events of {duration / 1e6:.0f} ms")
+    _image(axes[1], event_image.counts, "all events")
     if spin is not None:
         half = 1.2 * float(np.linalg.norm(estimate.points, axis=1).max(initial=0.1))
         for panel in axes[:2]:
@@ -54,14 +54,14 @@ def draw_events(result: RunResult, camera: Camera, exposure: EventImage, path: P
     figure.savefig(path, dpi=100)
 
 
-def draw_checks(result: RunResult, course: RateOverTime, path: Path) -> None:
+def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
     """Draw the rate over time beside the estimate, and how well the points fit. The result has a motion."""
     estimate, spin = result.estimate, result.estimate.spin
     assert spin is not None
     figure = Figure(figsize=(14.0, 3.4), layout="constrained")
     rate, fit = figure.subplots(1, 2, width_ratios=[2.0, 1.0])
     duration = (estimate.t_last - estimate.t_first) / NS_PER_S
-    rate.plot(course.t_s, course.rate_hz, "o-", ms=4, lw=1, label="of the event stream, turn by turn")
+    rate.plot(rates.t_s, rates.rate_hz, "o-", ms=4, lw=1, label="of the event stream, turn by turn")
     t = np.array([0.0, duration])
     line = np.full(2, spin.rate_hz)
     if "rate_not_constant" in estimate.flags and np.isfinite(estimate.rate_slope_hz_s):
@@ -71,7 +71,7 @@ def draw_checks(result: RunResult, course: RateOverTime, path: Path) -> None:
         rate.fill_between(
             t, line - 3 * estimate.rate_std_hz, line + 3 * estimate.rate_std_hz, color=_AXIS_COLOUR, alpha=0.2
         )
-    shown = np.concatenate([course.rate_hz, line])
+    shown = np.concatenate([rates.rate_hz, line])
     least = _LEAST_RATE_RANGE * spin.rate_hz  # so that noise of the check does not fill the panel
     rate.set_ylim(min(shown.min(), line.min() - least), max(shown.max(), line.max() + least))
     rate.set_xlim(0.0, duration)

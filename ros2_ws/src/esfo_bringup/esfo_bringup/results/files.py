@@ -16,15 +16,17 @@ from esfo_core.result_files import versions, write_result_files
 
 
 def write_results(
-    result: RunResult, source: Source, exposure: EventImage, activity: Sequence[Activity], folder: Path
+    result: RunResult, source: Source, event_image: EventImage, activity: Sequence[Activity], folder: Path
 ) -> None:
     """Write all files but result.mcap into `folder`, which is made; points.ply only where there are points.
 
-    exposure, activity: of the events of the source. Raises EsfoError when a file cannot be written, OSError a picture.
+    event_image, activity: of the events of the source.
+
+    Raises EsfoError when a file cannot be written, OSError when a figure cannot.
     """
     estimate = result.estimate
     write_result_files(folder, estimate, result.tracks)
-    draw_events(result, source.camera, exposure, folder / "axis.png")
+    draw_events(result, source.camera, event_image, folder / "axis.png")
     checks = folder / "checks.png"
     checks.unlink(missing_ok=True)
     if estimate.spin is not None:

@@ -46,7 +46,7 @@ class Registration:
         return 100 * float(np.median(self.distance)) / self.diameter
 
 
-class Surface:
+class MeshSurface:
     """Nearest points of a triangle mesh, exact but for the choice of the face among those of the nearest samples."""
 
     def __init__(self, mesh: trimesh.Trimesh, seed: int = 0) -> None:
@@ -66,7 +66,7 @@ class Surface:
         return np.asarray(found[np.arange(len(points)), best])
 
 
-def register(points: Matrix, estimated: Spin, surface: Surface, true: Spin) -> Registration:
+def register(points: Matrix, estimated: Spin, surface: MeshSurface, true: Spin) -> Registration:
     """Align (P, 3) points of an estimate with the true surface and measure what is left.
 
     points: camera-aligned, origin at estimated.center. surface: camera-aligned, origin at true.center. Axes are laid
@@ -101,12 +101,12 @@ def _apply(T: Matrix, points: Matrix) -> Matrix:
     return np.asarray(points @ T[:3, :3].T + T[:3, 3])
 
 
-def _distance(points: Matrix, T: Matrix, surface: Surface) -> Vector:
+def _distance(points: Matrix, T: Matrix, surface: MeshSurface) -> Vector:
     moved = _apply(T, points)
     return np.asarray(np.linalg.norm(surface.nearest(moved) - moved, axis=1))
 
 
-def _refine(points: Matrix, T: Matrix, surface: Surface, iterations: int) -> Matrix:
+def _refine(points: Matrix, T: Matrix, surface: MeshSurface, iterations: int) -> Matrix:
     """Iterate nearest points and the weighted similarity between them (Procrustes)."""
     for _ in range(iterations):
         moved = _apply(T, points)

@@ -37,7 +37,7 @@ class SubscriptionOptions:
 
 
 @dataclass(frozen=True)
-class LiveOptions:
+class FrontendNodeOptions:
     """How packets reach the front-end."""
 
     events: SubscriptionOptions = field(default_factory=SubscriptionOptions)
@@ -57,7 +57,7 @@ class LiveFrontend:
     the latest packet.
     """
 
-    def __init__(self, options: FrontendOptions, camera_frame: str = LiveOptions.camera_frame) -> None:
+    def __init__(self, options: FrontendOptions, camera_frame: str = FrontendNodeOptions.camera_frame) -> None:
         """Prepare for packets of any sensor. Raises OptionError for impossible options."""
         check_options(options)
         self.camera_frame = camera_frame

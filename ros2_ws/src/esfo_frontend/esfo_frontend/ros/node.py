@@ -20,7 +20,7 @@ from esfo_core.orbit import Spin
 from esfo_core.packets import SUPPORTED, packet_from_cdr, sequence_of
 from esfo_core.recordings.messages import camera_from_info
 from esfo_frontend.frontend import FrontendOutput
-from esfo_frontend.online.live_frontend import LiveFrontend, LiveOptions, SubscriptionOptions
+from esfo_frontend.online.live_frontend import FrontendNodeOptions, LiveFrontend, SubscriptionOptions
 from esfo_frontend.options import PRESETS, FrontendOptions, check_for_sensor, check_options
 from esfo_frontend.overlay import Overlay, screw_line
 from esfo_frontend.ros import messages
@@ -41,7 +41,7 @@ ACTIVITY = Topic("event_activity", EventActivity, reliable(100), "event counts b
 OVERLAY = Topic("overlay", Image, reliable(1), "rgb8: events, tracks, screw line; only while somebody subscribes")
 
 
-class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
+class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
     """Callbacks queue packets; one worker thread decodes, tracks and publishes."""
 
     INPUTS = (EVENTS, CAMERA_INFO, ORBIT)
@@ -59,7 +59,7 @@ class FrontendNode(ManagedNode[FrontendOptions, LiveOptions]):
     def __init__(self) -> None:
         self._stream = LiveFrontend(PRESETS["default"])
         self._overlay: Overlay | None = None
-        super().__init__("frontend", PRESETS, LiveOptions())
+        super().__init__("frontend", PRESETS, FrontendNodeOptions())
 
     def check(self, options: FrontendOptions) -> None:
         """Raise OptionError for options that contradict each other, or the sensor whose events come."""

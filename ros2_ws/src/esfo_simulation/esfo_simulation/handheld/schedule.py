@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from esfo_core.camera import Camera
 from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Vector
-from esfo_simulation.motion import Motion
+from esfo_simulation.motion import RigidMotion
 from esfo_simulation.render.surface import Model
 from esfo_simulation.simulator import LARGEST_STEP_PX, LONGEST_STEP_NS
 
@@ -66,7 +66,7 @@ def select_ahead(points, R, T, low, high, index, moved):  # type: ignore[no-unty
     return n
 
 
-def frame_times_in_view(motion: Motion, model: Model, camera: Camera, span: tuple[float, float]) -> Vector:
+def frame_times_in_view(motion: RigidMotion, model: Model, camera: Camera, span: tuple[float, float]) -> Vector:
     """Choose times (K,) in ns, both ends of the span included, so that nothing in view moves by more than half a pixel.
 
     As many as needed: between two times the fastest visible point moves by `LARGEST_STEP_PX`, unless
@@ -84,7 +84,7 @@ def frame_times_in_view(motion: Motion, model: Model, camera: Camera, span: tupl
     return np.asarray(np.interp(np.linspace(0, done[-1], count + 1), done, grid))
 
 
-def image_speed(motion: Motion, points: Matrix, camera: Camera, t: float) -> float:
+def image_speed(motion: RigidMotion, points: Matrix, camera: Camera, t: float) -> float:
     """Return the largest image speed in px/s among those of the points (N, 3) that are in view at `t` ns."""
     half = 1e4  # ns: an angle below 1e-3 rad for every motion slower than 100 rad/s
     return _View(camera).largest_shift(points, motion, t - half, t + half) / (2 * half / NS_PER_S)
@@ -107,7 +107,7 @@ class _View:
         border = camera.unproject(np.concatenate([a + share * (b - a) for a, b in pairwise(ring)]))
         self._low, self._high = border.min(axis=0), border.max(axis=0)
 
-    def largest_shift(self, points: Matrix, motion: Motion, begin: float, end: float) -> float:
+    def largest_shift(self, points: Matrix, motion: RigidMotion, begin: float, end: float) -> float:
         """Return by how many pixels a point (N, 3) of those in view at `begin` moves at most until `end`, ns."""
         index, before = np.empty(len(points), np.int64), np.empty(points.shape)
         n = select_ahead(points, *motion.pose(begin), self._low, self._high, index, before)

@@ -16,7 +16,7 @@ from esfo_simulation.sensor.illumination import Flicker, low_pass
 from esfo_simulation.sensor.noise import ShotNoise, Variation, vary
 from esfo_simulation.sensor.options import SensorOptions
 from esfo_simulation.sensor.photoreceptor import time_constants
-from esfo_simulation.sensor.pixels import EventImage, Response, expose, mark_active, renew_bands
+from esfo_simulation.sensor.pixels import Exposure, Response, expose, mark_active, renew_bands
 from esfo_simulation.sensor.readout import ReadOut
 
 Frame = NDArray[np.uint16]
@@ -57,7 +57,7 @@ class Patch:
     def expose(self, before: Frame, after: Frame, levels: Levels, lamp: tuple[Column, Column]) -> Requests:
         """Return the events of one step: times (M,) in ns and codes, see `ReadOut.push`.
 
-        before, after: levels (N,) at both ends. lamp: borders and flicker, see `EventImage`.
+        before, after: levels (N,) at both ends. lamp: borders and flicker, see `Exposure`.
         """
         borders, flicker = lamp
         begin, end = float(borders[0]), float(borders[-1])
@@ -65,7 +65,7 @@ class Patch:
             self._valid = end + _BAND_NS
             renew_bands(self._state, self._band, (levels.low, levels.step), self._valid)
         margin = (int(np.floor(flicker.min() / levels.step)), int(np.ceil(flicker.max() / levels.step)))
-        exposure = EventImage(
+        exposure = Exposure(
             before, after, levels.low, levels.step, borders, flicker, margin, self._valid, self._response
         )
         shots = self._shots.between(begin, end)

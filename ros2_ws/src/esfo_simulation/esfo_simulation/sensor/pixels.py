@@ -38,7 +38,7 @@ class Response(NamedTuple):
     refractory: float
 
 
-class EventImage(NamedTuple):
+class Exposure(NamedTuple):
     """Light on N pixels in one step: level k is a log intensity of low + k step.
 
     before, after: (N,) levels at both ends. borders: (S + 1,) times in ns that cut the step into parts; flicker:
@@ -71,7 +71,7 @@ class Shots(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow_shots(
-    state: State, i: int, light: tuple[float, float, float], exposure: EventImage, shots: Shots, out: Rows
+    state: State, i: int, light: tuple[float, float, float], exposure: Exposure, shots: Shots, out: Rows
 ) -> Rows:
     """Carry pixel i through a step with shots, all its own. light: as in `follow_step`."""
     before, after, tau = light
@@ -113,7 +113,7 @@ def renew_bands(state: State, band: Band, scale: tuple[float, float], valid: flo
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mark_active(band: Band, exposure: EventImage, active: Flags) -> None:
+def mark_active(band: Band, exposure: Exposure, active: Flags) -> None:
     """Write into active (N,) which pixels may make an event or change their state in a step, but for shot noise."""
     before, after = exposure.before, exposure.after
     least, most = band[0], band[1]
@@ -130,7 +130,7 @@ def mark_active(band: Band, exposure: EventImage, active: Flags) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def catch_up(state: State, active: Indices, exposure: EventImage) -> None:
+def catch_up(state: State, active: Indices, exposure: Exposure) -> None:
     """Bring the pixels `active` (M,), to which nothing has happened meanwhile, to the beginning of the step."""
     begin, flicker = exposure.borders[0], exposure.flicker[0]
     filtered = len(exposure.response.tau) > 0
@@ -143,7 +143,7 @@ def catch_up(state: State, active: Indices, exposure: EventImage) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def expose(state: State, band: Band, active: Indices, exposure: EventImage, shots: Shots, out: Rows) -> Rows:
+def expose(state: State, band: Band, active: Indices, exposure: Exposure, shots: Shots, out: Rows) -> Rows:
     """Carry the pixels `active` (M,), sorted, through one step and return their events in the form of `write_event`.
 
     state (N, 8) and band (2, N), see `find_band`, are changed in place; bands hold up to exposure.valid. out: where to

@@ -23,21 +23,21 @@ def activity(phase, duration_s, seed=2):
 
 @pytest.mark.parametrize("rate", [0.4, 2.0, 7.3])
 def test_a_constant_rate_is_found_all_the_time(rate):
-    course = rate_over_time(activity(lambda t: rate * t, 6 / rate), rate * 1.01)
-    assert len(course.t_s) >= 9
+    rates = rate_over_time(activity(lambda t: rate * t, 6 / rate), rate * 1.01)
+    assert len(rates.t_s) >= 9
     error = 1e-3 + 0.2 * rate * BIN / 1e9  # a third of a degree by the noise of counting, and a fifth of a bin
-    np.testing.assert_allclose(course.rate_hz, rate, rtol=error)
-    assert abs(np.median(course.rate_hz) / rate - 1) < 0.3 * error
-    assert 0.5 / rate < course.t_s[0] < 0.8 / rate
-    assert 4.9 / rate < course.t_s[-1] < 5.5 / rate
+    np.testing.assert_allclose(rates.rate_hz, rate, rtol=error)
+    assert abs(np.median(rates.rate_hz) / rate - 1) < 0.3 * error
+    assert 0.5 / rate < rates.t_s[0] < 0.8 / rate
+    assert 4.9 / rate < rates.t_s[-1] < 5.5 / rate
 
 
 def test_a_changing_rate_is_followed():
     rate, slope = 0.8, -0.02
-    course = rate_over_time(activity(lambda t: rate * t + slope * t**2 / 2, 5.0), 0.75)
+    rates = rate_over_time(activity(lambda t: rate * t + slope * t**2 / 2, 5.0), 0.75)
     # Over a turn centred at t the mean of a rate that changes linearly is the rate at t.
-    np.testing.assert_allclose(course.rate_hz, rate + slope * course.t_s, rtol=2e-3)
-    assert np.polyfit(course.t_s, course.rate_hz, 1)[0] == pytest.approx(slope, rel=0.1)
+    np.testing.assert_allclose(rates.rate_hz, rate + slope * rates.t_s, rtol=2e-3)
+    assert np.polyfit(rates.t_s, rates.rate_hz, 1)[0] == pytest.approx(slope, rel=0.1)
 
 
 def test_what_is_too_short_or_does_not_repeat_gives_nothing():

@@ -16,11 +16,11 @@ def stream(duration_ns, count=3000, seed=1):
     return make_events(rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count), rng.integers(0, 2, count), t)
 
 
-def exposed(events, pieces):
-    exposure = EventImage(WIDTH, HEIGHT)
+def gathered(events, pieces):
+    event_image = EventImage(WIDTH, HEIGHT)
     for piece in np.array_split(events, pieces):
-        exposure.add(piece)
-    return exposure
+        event_image.add(piece)
+    return event_image
 
 
 @pytest.mark.parametrize("duration_s", [0.02, 0.1, 0.35, 1.0, 3.7, 100.0])
@@ -28,33 +28,33 @@ def exposed(events, pieces):
 def test_all_events_are_counted_and_a_moment_of_them_is_kept(duration_s, pieces):
     duration = round(duration_s * 1e9)
     events = stream(duration, count=30_000)
-    exposure = exposed(events, pieces)
+    event_image = gathered(events, pieces)
     slow = np.zeros((2, HEIGHT, WIDTH), int)
     for e in events:
         slow[e["p"], e["y"], e["x"]] += 1
-    assert (exposure.counts == slow).all()
-    assert (exposure.count(events) == slow).all()
+    assert (event_image.counts == slow).all()
+    assert (event_image.count(events) == slow).all()
     for length in (LONGEST_MOMENT_NS, 30_000_000):
-        moment = exposure.moment(length)
+        moment = event_image.moment(length)
         start = START + next((d for d in (LONGEST_MOMENT_NS * 2**k for k in range(20, -1, -1)) if 2 * d <= duration), 0)
         inside = (events["t"] >= start) & (events["t"] < start + length)
         assert (moment == events[inside]).all()
 
 
 def test_what_is_kept_does_not_grow():
-    exposure = exposed(stream(10**12, count=200_000), 5000)
-    kept = sum(len(part) for moments in exposure._moments for part in moments)
+    event_image = gathered(stream(10**12, count=200_000), 5000)
+    kept = sum(len(part) for moments in event_image._moments for part in moments)
     assert kept <= 2 * 200_000 * LONGEST_MOMENT_NS / 10**12 * 2
 
 
 def test_pauses_and_nothing_at_all():
-    exposure = EventImage(WIDTH, HEIGHT)
-    assert len(exposure.moment(LONGEST_MOMENT_NS)) == 0
-    exposure.add(empty_events())
+    event_image = EventImage(WIDTH, HEIGHT)
+    assert len(event_image.moment(LONGEST_MOMENT_NS)) == 0
+    event_image.add(empty_events())
     early, late = stream(50_000_000, 10), stream(50_000_000, 10)
     late["t"] += 3600 * 10**9
-    exposure.add(early)
-    assert len(exposure.moment(LONGEST_MOMENT_NS)) == 10
-    exposure.add(late)
-    assert exposure.counts.sum() == 20
-    assert len(exposure.moment(LONGEST_MOMENT_NS)) <= 10
+    event_image.add(early)
+    assert len(event_image.moment(LONGEST_MOMENT_NS)) == 10
+    event_image.add(late)
+    assert event_image.counts.sum() == 20
+    assert len(event_image.moment(LONGEST_MOMENT_NS)) <= 10

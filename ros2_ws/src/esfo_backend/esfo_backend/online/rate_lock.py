@@ -10,7 +10,7 @@ from esfo_backend.online.stream_memory import coarser
 from esfo_backend.options import SpinRateOptions
 from esfo_backend.spin_rate.correlation import SpinRate, correlation_rate
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 _CERTAIN_REVOLUTIONS = 4.0
 """Revolutions after which the period is final: it is not searched again."""

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from esfo_backend.errors import BackendError
 from esfo_core.camera import Camera
-from esfo_core.orbit import NS_PER_S, Matrix, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
 
 REFERENCE_SIGMA_PX = 0.5

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.errors import BackendError
-from esfo_core.orbit import NS_PER_S, Matrix, Spin, Vector
+from esfo_core.events import NS_PER_S
+from esfo_core.orbit import Matrix, Spin, Vector
 
 
 @dataclass(frozen=True)

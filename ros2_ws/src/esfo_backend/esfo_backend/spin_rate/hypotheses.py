@@ -15,7 +15,7 @@ from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic, SpinR
 from esfo_backend.spin_rate.rate_ramp import RateRamp, find_rate_ramp
 from esfo_backend.stopwatch import Stopwatch
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 Kind = Literal["fourier", "period", "multiple", "ramp", "aperiodic"]
 

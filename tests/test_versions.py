@@ -37,10 +37,11 @@ def test_versions_agree():
 def test_licences_and_maintainers_agree():
     root = [ET.parse(package / "package.xml").getroot() for package in PACKAGES]
     assert {r.findtext("license") for r in root} == {"Apache-2.0"}
-    assert len({r.find("maintainer").get("email") for r in root}) == 1
+    maintainers = {(r.findtext("maintainer"), r.find("maintainer").get("email")) for r in root}
+    assert maintainers == {("ESfO maintainers", "esfo-maintainers@users.noreply.github.com")}
     for package in PACKAGES:
         if (package / "setup.py").exists():
             call = ast.parse((package / "setup.py").read_text()).body[-1].value
             values = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
             assert values["license"] == "Apache-2.0"
-            assert values["maintainer_email"] == root[0].find("maintainer").get("email")
+            assert {(values["maintainer"], values["maintainer_email"])} == maintainers

@@ -11,7 +11,7 @@ setup(
     description="Launch files, parameters, layouts, the replay node and the esfo command",
     license="Apache-2.0",
     maintainer="ESfO maintainers",
-    maintainer_email="maintainers@example.org",
+    maintainer_email="esfo-maintainers@users.noreply.github.com",
     packages=find_packages(),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

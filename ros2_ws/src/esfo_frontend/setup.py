@@ -8,7 +8,7 @@ setup(
     description="Front-end of event-based structure from orbit",
     license="Apache-2.0",
     maintainer="ESfO maintainers",
-    maintainer_email="maintainers@example.org",
+    maintainer_email="esfo-maintainers@users.noreply.github.com",
     packages=find_packages(),
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),

@@ -21,6 +21,7 @@ from esfo_bringup.camera_info.node import CameraInfoNode
 from esfo_bringup.camera_info.options import CameraInfoOptions
 from esfo_bringup.replay.node import ReplayNode
 from esfo_bringup.replay.player import ReplayOptions
+from esfo_bringup.settings import common_options
 from esfo_core.options import fields_of
 from esfo_frontend.ros.node import FrontendNode
 from esfo_simulation.handheld.scene import HandheldOptions
@@ -32,11 +33,25 @@ PACKAGES = ROOT / "ros2_ws/src"
 NODES = {"frontend": FrontendNode, "backend": BackendNode, "replay": ReplayNode, "camera_info": CameraInfoNode}
 
 
+def common_table():
+    """Lines of a table of the parameters that users change most, with the node that has each."""
+    lines = ["| parameter | node | default | meaning |", "|---|---|---|---|"]
+    frontend = {leaf.name for leaf in fields_of(esfo_frontend.options.FrontendOptions())}
+    for leaf in common_options():
+        node = "frontend" if leaf.name in frontend else "backend"
+        choices = f" ({', '.join(leaf.choices)})" if leaf.choices else ""
+        lines.append(f"| `{leaf.name}` | {node} | {leaf.value}{choices} | {leaf.meaning} |")
+    return lines
+
+
 def parameter_table(default, paper):
-    """Lines of a table of all fields of an options dataclass, with the value of the paper where it differs."""
+    """Lines of a table of all fields of an options dataclass, with the value of the paper where it differs.
+
+    The parameters that users change most come first.
+    """
     lines = ["| parameter | default | paper | range | meaning |", "|---|---|---|---|---|"]
     other = {} if paper is None else {leaf.name: leaf.value for leaf in fields_of(paper)}
-    for leaf in fields_of(default):
+    for leaf in sorted(fields_of(default), key=lambda leaf: not leaf.common):
         allowed = ", ".join(leaf.choices)
         if leaf.low is not None or leaf.high is not None:
             low, high = ("" if v is None else f"{v:g}" for v in (leaf.low, leaf.high))
@@ -87,6 +102,7 @@ def tables():
     return {
         "topics": topic_table(),
         "services": service_table(),
+        "common": common_table(),
         "frontend": parameter_table(frontend["default"], frontend["paper"]),
         "frontend node": parameter_table(esfo_frontend.online.live_frontend.FrontendNodeOptions(), None),
         "backend": parameter_table(backend["default"], backend["paper"]),
@@ -111,6 +127,14 @@ def with_tables(text):
 def test_parameters_are_those_of_the_code():
     text = DOCUMENT.read_text()
     assert text == with_tables(text)
+
+
+def test_parameters_that_users_change_come_first():
+    names = [re.match(r"\| `(.+?)`", line)[1] for line in tables()["backend"][2:]]
+    common = [leaf.name for leaf in common_options()]
+    assert 5 <= len(common) <= 10, common
+    assert names[: len(set(common) & set(names))] == [name for name in common if name in names]
+    assert set(names) == {leaf.name for leaf in fields_of(esfo_backend.options.BackendOptions())}
 
 
 def test_no_node_has_a_topic_or_service_that_is_not_in_its_list():

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from esfo_core.errors import OptionError
-from esfo_core.options import OptionField, check, fields_of, option, parse_assignments, replace
+from esfo_core.options import OptionField, check, common_fields, fields_of, option, parse_assignments, replace
 
 
 @dataclasses.dataclass(frozen=True)
 class Inner:
     window_s: float = option(0.03, "length of a window in s", 1e-3, 1.0)
-    free: float = option(1.0, "any number")
+    free: float = option(1.0, "any number", common=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +52,11 @@ def test_leaves_are_listed_in_order_with_all_that_was_declared():
     ]
     assert leaves[4] == OptionField("stage.inner.window_s", 0.03, "length of a window in s", 1e-3, 1.0, ())
     assert leaves[0].choices == ("fast", "slow")
+
+
+def test_common_options_are_those_marked():
+    assert [leaf.name for leaf in common_fields(DEFAULT)] == ["stage.inner.free"]
+    assert not any(leaf.common for leaf in fields_of(DEFAULT) if leaf.name != "stage.inner.free")
 
 
 def test_replace_sets_nested_names_and_leaves_the_rest():

@@ -11,14 +11,18 @@ from esfo_core.options import option
 class SpinRateOptions:
     """How the period is found in the event stream."""
 
-    method: str = option("correlation", "way to the first rate", choices=("correlation", "fourier"))
-    fourier_window_s: float = option(
-        0.02, "window of the mean x in s (paper, Table 2: FFT sampling window)", 0.001, 1.0
+    method: str = option("correlation", "estimator of the initial spin rate", choices=("correlation", "fourier"))
+    fourier_window_s: float = option(0.02, "sampling window of the FFT of the mean x, s (paper, Table 2)", 0.001, 1.0)
+    min_overlap: float = option(
+        0.08, "smallest share of the recording over which images one lag apart overlap", 0.05, 0.9
     )
-    min_overlap: float = option(0.08, "least share of the recording that two images a lag apart must cover", 0.05, 0.9)
-    min_correlation: float = option(0.25, "least correlation of images one period apart", 0.0, 1.0)
-    min_prominence: float = option(0.1, "least height of the correlation peak over the valleys beside it", 0.0, 1.0)
-    harmonic_z: float = option(5.0, "significance in std by which a period must beat its fractions", 0.0)
+    min_correlation: float = option(0.25, "smallest correlation of event images one period apart", 0.0, 1.0)
+    min_prominence: float = option(
+        0.1, "smallest height of the correlation peak above the neighbouring minima", 0.0, 1.0
+    )
+    harmonic_z: float = option(
+        5.0, "significance, in standard deviations, at which a fraction of the period is rejected", 0.0
+    )
 
 
 @dataclass(frozen=True)
@@ -27,86 +31,105 @@ class InitialisationOptions:
 
     method: str = option(
         "best",
-        "start to use: direct, and the cheaper of both where that leaves a doubt (best); always both; or one",
+        "axis search, and COLMAP too where the search is ambiguous (best); both; or only one (colmap, direct)",
         choices=("best", "both", "colmap", "direct"),
+        common=True,
     )
-    axes: int = option(24, "axes over the sphere from which the direct start searches", 4, 500)
-    search_tracks: int = option(400, "tracks, the longest of all times, with which it searches", 10)
-    cauchy_px: float = option(2.0, "scale of the robust loss in px during the start", 0.1, 100.0)
-    min_observations: int = option(4, "rows that a track needs to take part", 2)
-    colmap_window_s: float = option(0.03, "time in s that one camera of COLMAP stands for (paper, Table 2)", 0.001, 1.0)
-    colmap_min_tracks: float = option(8.0, "mean number of tracks per camera below which COLMAP is not tried", 0.0)
-    colmap_max_tracks: int = option(100, "tracks per camera, the longest, that COLMAP gets", 10)
-    colmap_max_views: int = option(120, "consecutive cameras, those of the most tracks, that COLMAP gets", 10)
-    colmap_min_share: float = option(0.25, "share of the cameras that COLMAP must register", 0.0, 1.0)
-    colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's cameras from the circle, in radii", 0.0)
-    colmap_rate: float = option(0.1, "largest relative difference of COLMAP's rate from the event stream's", 0.0)
+    axes: int = option(24, "number of initial axes, spread over the sphere, for the axis search", 4, 500)
+    search_tracks: int = option(400, "largest number of tracks used by the axis search", 10)
+    cauchy_px: float = option(2.0, "scale of the Cauchy loss during initialisation, px", 0.1, 100.0)
+    min_observations: int = option(4, "smallest number of observations of a track that is used", 2)
+    colmap_window_s: float = option(0.03, "time window of one COLMAP view, s (paper, Table 2)", 0.001, 1.0)
+    colmap_min_tracks: float = option(8.0, "smallest mean number of tracks per view for which COLMAP is run", 0.0)
+    colmap_max_tracks: int = option(100, "largest number of tracks per view given to COLMAP; the longest are kept", 10)
+    colmap_max_views: int = option(
+        120, "largest number of consecutive views given to COLMAP; those with the most tracks are kept", 10
+    )
+    colmap_min_share: float = option(0.25, "smallest share of the views that COLMAP must register", 0.0, 1.0)
+    colmap_circle: float = option(0.25, "largest RMS distance of COLMAP's views from the fitted circle, in radii", 0.0)
+    colmap_rate: float = option(
+        0.1, "largest relative difference between COLMAP's rate and that of the event stream", 0.0
+    )
 
 
 @dataclass(frozen=True)
 class ReidentificationOptions:
     """How tracks of the same point are recognised when it comes round again."""
 
-    enabled: bool = option(True, "merge tracks of the same point over time")
-    rounds: int = option(4, "merge rounds with the rate fixed, and again with it free", 0, 10)
-    neighbours: int = option(12, "nearest points that each point is compared with", 1, 100)
-    chi2: float = option(16.0, "largest squared Mahalanobis distance of two points that are one", 0.1)
-    rms_px: float = option(1.5, "largest RMS reprojection error in px of a merged point", 0.1)
+    enabled: bool = option(True, "merge tracks of the same point from different revolutions")
+    rounds: int = option(4, "number of merge rounds with the rate fixed, and again with the rate free", 0, 10)
+    neighbours: int = option(12, "number of nearest points with which each point is compared", 1, 100)
+    chi2: float = option(16.0, "largest squared Mahalanobis distance between two points to merge", 0.1)
+    rms_px: float = option(1.5, "largest RMS reprojection error of a merged point, px", 0.1)
 
 
 @dataclass(frozen=True)
 class GraphOptions:
     """The factor graph and what counts as a point of the object."""
 
-    cauchy_px: float = option(1.0, "scale of Cauchy's loss in px; 0 is plain least squares (paper)", 0.0, 100.0)
+    cauchy_px: float = option(1.0, "scale of the Cauchy loss, px; 0: least squares, as in the paper", 0.0, 100.0)
     iterations: int = option(30, "largest number of Levenberg-Marquardt iterations", 1, 1000)
     bias_px: float = option(
-        0.25, "standard deviation of the error that all corners share; widens the stated deviations, px", 0.0, 10.0
+        0.25,
+        "standard deviation of the corner bias common to all points; added to the reported covariance, px",
+        0.0,
+        10.0,
+        common=True,
     )
-    prune_px: float = option(2.5, "largest RMS reprojection error in px of a published point", 0.1)
+    prune_px: float = option(2.5, "largest RMS reprojection error of a point that is kept, px", 0.1)
 
 
 @dataclass(frozen=True)
 class VerdictOptions:
     """When a result is trusted."""
 
-    min_points: int = option(10, "points without which there is no estimate", 5)
-    min_reobserved: int = option(5, "points that must have been seen again after half a turn or more", 0)
-    min_inliers: float = option(0.3, "share of tracks that must follow the motion", 0.0, 1.0)
-    max_axis_std_deg: float = option(5.0, "standard deviation of the axis above which it is called degenerate", 0.0)
-    rate_slope_z: float = option(4.0, "significance in std at which a slope of the rate counts as one", 0.0)
+    min_points: int = option(10, "smallest number of points for an estimate", 5)
+    min_reobserved: int = option(5, "smallest number of points observed again after half a revolution or more", 0)
+    min_inliers: float = option(0.3, "smallest share of tracks that fit the motion", 0.0, 1.0)
+    max_axis_std_deg: float = option(
+        5.0, "largest standard deviation of the axis of a result that is `ok`, degrees", 0.0
+    )
+    rate_slope_z: float = option(4.0, "significance, in standard deviations, at which a rate slope is reported", 0.0)
     max_rate_change: float = option(
-        0.005, "change of the rate over the recording, relative, that is called constant", 0.0
+        0.005, "largest relative change of the rate over the recording that counts as constant", 0.0
     )
-    rigidity_z: float = option(4.0, "significance in std at which a wandering axis or centre counts as one", 0.0)
-    max_axis_wander_deg: float = option(0.1, "wandering of the axis between thirds of a turn called none, degrees", 0.0)
+    rigidity_z: float = option(
+        4.0, "significance, in standard deviations, at which axis wander or closure error is reported", 0.0
+    )
+    max_axis_wander_deg: float = option(
+        0.1, "largest wander of the axis between thirds of a revolution for a rigid rotation, degrees", 0.0
+    )
     max_closure_error_px: float = option(
-        0.25, "shift or growth of the image from one turn to the next called none, px", 0.0
+        0.25, "largest shift or scaling of the image over one revolution for a rigid rotation, px", 0.0
     )
-    min_revolutions: float = option(1.0, "turns below which nothing confirms the rate", 0.0)
-    mirror_ratio: float = option(1.1, "cost ratio of the second optimum below which it is called ambiguous", 1.0)
+    min_revolutions: float = option(
+        1.0, "smallest number of revolutions, measured by the tracks, of a result that is `ok`", 0.0
+    )
+    mirror_ratio: float = option(
+        1.1, "cost ratio of second to best optimum below which the result is flagged as ambiguous", 1.0
+    )
 
 
 @dataclass(frozen=True)
 class LiveEstimateOptions:
     """When a live estimate is made anew, and from how much."""
 
-    min_revolutions: float = option(1.08, "turns that must have been seen before the first estimate", 0.1)
-    interval_s: float = option(0.1, "sensor time in s between two estimates", 0.01)
-    search_s: float = option(0.5, "sensor time in s between two searches while there is no estimate", 0.05)
-    max_tracks: int = option(500, "tracks that a live estimate is made from", 20)
+    min_revolutions: float = option(1.08, "number of revolutions before the first estimate", 0.1)
+    interval_s: float = option(0.1, "sensor time between two estimates, s", 0.01, common=True)
+    search_s: float = option(0.5, "sensor time between two searches while there is no estimate, s", 0.05)
+    max_tracks: int = option(500, "largest number of tracks in an incremental estimate", 20)
 
 
 @dataclass(frozen=True)
 class MemoryOptions:
     """What is kept of a long stream. Within these limits nothing is left out."""
 
-    max_bins: int = option(24_000, "bins of activity; beyond, the latest or coarser ones", 1000)
-    revolutions: float = option(
-        16.0, "revolutions that the latest bins must hold for earlier ones to be forgotten", 2.0
+    max_bins: int = option(
+        24_000, "largest number of activity bins; then old bins are dropped or bins are merged in pairs", 1000
     )
+    revolutions: float = option(16.0, "number of revolutions that must remain before old bins are dropped", 2.0)
     max_observations: int = option(
-        1_000_000, "rows of tracks; beyond, the longest tracks of every part of the time", 1000
+        1_000_000, "largest number of track observations; then the shortest tracks are dropped", 1000
     )
 
 
@@ -114,9 +137,9 @@ class MemoryOptions:
 class ScaleOptions:
     """A known length makes the result metric; at most one of them, 0 is unknown."""
 
-    distance_m: float = option(0.0, "distance from the camera to the object's centre, m", 0.0)
-    radius_m: float = option(0.0, "radius of the orbit, which is the camera's distance from the spin axis, m", 0.0)
-    size_m: float = option(0.0, "largest distance between two points of the object, m", 0.0)
+    distance_m: float = option(0.0, "distance from the camera to the object's centre, m", 0.0, common=True)
+    radius_m: float = option(0.0, "orbit radius: distance from the camera to the spin axis, m", 0.0, common=True)
+    size_m: float = option(0.0, "largest distance between two points of the object, m", 0.0, common=True)
 
 
 @dataclass(frozen=True)

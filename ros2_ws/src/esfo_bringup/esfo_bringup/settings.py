@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from esfo_backend.options import PRESETS as BACKEND_PRESETS
 from esfo_backend.options import BackendOptions
 from esfo_core.errors import OptionError
-from esfo_core.options import fields_of, replace
+from esfo_core.options import OptionField, common_fields, fields_of, replace
 from esfo_core.recordings import ReadingOptions
 from esfo_frontend.options import PRESETS as FRONTEND_PRESETS
 from esfo_frontend.options import FrontendOptions, check_options
@@ -29,6 +29,11 @@ class Assignments:
     reading: dict[str, str]
     frontend: dict[str, str]
     backend: dict[str, str]
+
+
+def common_options() -> list[OptionField]:
+    """Return the options of the front-end and the back-end that users change most."""
+    return [*common_fields(FrontendOptions()), *common_fields(BackendOptions())]
 
 
 def share_out(values: Mapping[str, str]) -> Assignments:

@@ -18,25 +18,25 @@ from launch import LaunchDescription
 
 SHARE = FindPackageShare("esfo_bringup")
 ARGUMENTS = {
-    "bag": ("", "recording to replay, of any format that `esfo info` reads; empty: a camera is running"),
-    "rate": ("1.0", "speed of the replay; 0: as fast as nothing is lost"),
-    "camera": ("", "calibration YAML to publish on camera_info; empty: that of the recording or of the driver"),
+    "bag": ("", "recording to replay, in any format that `esfo info` reads; empty: events come from a driver"),
+    "rate": ("1.0", "speed of the replay; 0: as fast as the pipeline acknowledges"),
+    "camera": ("", "calibration YAML to publish on camera_info; empty: from the recording or the driver"),
     "events": ("events", "topic of the event packets"),
     "camera_info": ("camera_info", "topic of the calibration"),
     "events_reliability": (
         "auto",
-        "QoS with which events are taken; auto: reliable from a replay, else as the nodes' parameters say",
+        "QoS of the event subscription; auto: reliable for a replay, otherwise the node's parameter",
         ["auto", "best_effort", "reliable"],
     ),
-    "camera_frame": ("", "frame of the camera where its packets name none, and of RViz; empty: NAMESPACE/camera"),
-    "object_frame": ("", "frame of the object on /tf; empty: NAMESPACE/object"),
-    "namespace": ("", "namespace of all nodes; two pipelines at once need one each"),
-    "preset": ("default", "values of the options that params_file does not set", ["default", "paper"]),
-    "params_file": (PathJoinSubstitution([SHARE, "config", "esfo.yaml"]), "YAML file of the nodes' parameters"),
-    "autostart": ("true", "the nodes configure and activate themselves; false: a life cycle manager does"),
-    "use_sim_time": ("auto", "take the time from a clock topic, true or false; auto: true when a bag is replayed"),
-    "clock": ("", "topic of that clock; empty: NAMESPACE/clock when a bag is replayed, else /clock"),
-    "log_level": ("info", "least severity that the nodes log", ["debug", "info", "warn", "error", "fatal"]),
+    "camera_frame": ("", "camera frame for packets without frame_id, and fixed frame of RViz; empty: NAMESPACE/camera"),
+    "object_frame": ("", "object frame on /tf; empty: NAMESPACE/object"),
+    "namespace": ("", "namespace of all nodes; use a different one for each pipeline"),
+    "preset": ("default", "default values of the options that params_file does not set", ["default", "paper"]),
+    "params_file": (PathJoinSubstitution([SHARE, "config", "esfo.yaml"]), "YAML file with parameters of the nodes"),
+    "autostart": ("true", "the nodes configure and activate themselves; false: a lifecycle manager does"),
+    "use_sim_time": ("auto", "use time from a clock topic, true or false; auto: true when a bag is replayed"),
+    "clock": ("", "clock topic; empty: NAMESPACE/clock when a bag is replayed, otherwise /clock"),
+    "log_level": ("info", "lowest severity that the nodes log", ["debug", "info", "warn", "error", "fatal"]),
     "rviz": ("false", "open RViz"),
 }
 

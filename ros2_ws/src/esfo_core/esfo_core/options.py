@@ -13,17 +13,26 @@ T = TypeVar("T")
 
 
 def option(
-    default: Any, meaning: str, low: float | None = None, high: float | None = None, choices: tuple[str, ...] = ()
+    default: Any,
+    meaning: str,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    common: bool = False,
 ) -> Any:
-    """Declare a field with its default, one line of meaning (with the unit) and its closed range or choices."""
+    """Declare a field with its default, one line of meaning (with the unit) and its closed range or choices.
+
+    common: the option is one of the few that users change; documents and `--help` list these first.
+    """
     return dataclasses.field(
-        default=default, metadata={"meaning": meaning, "low": low, "high": high, "choices": choices}
+        default=default,
+        metadata={"meaning": meaning, "low": low, "high": high, "choices": choices, "common": common},
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class OptionField:
-    """One leaf of an options tree: dotted name, default, meaning, range and choices."""
+    """One leaf of an options tree: dotted name, default, meaning, range, choices, whether users often change it."""
 
     name: str
     value: bool | int | float | str
@@ -31,6 +40,7 @@ class OptionField:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
+    common: bool = False
 
 
 def fields_of(options: Any, prefix: str = "") -> list[OptionField]:
@@ -43,9 +53,13 @@ def fields_of(options: Any, prefix: str = "") -> list[OptionField]:
         else:
             if isinstance(field.default, float) and isinstance(value, int):
                 value = float(value)  # `1` set in code where 1.0 is meant must not make it an option of whole numbers
-            m = field.metadata
-            found.append(OptionField(f"{prefix}{field.name}", value, m["meaning"], m["low"], m["high"], m["choices"]))
+            found.append(OptionField(f"{prefix}{field.name}", value, **field.metadata))
     return found
+
+
+def common_fields(options: Any) -> list[OptionField]:
+    """List the leaves of a (nested) options dataclass that are marked as common, in declaration order."""
+    return [leaf for leaf in fields_of(options) if leaf.common]
 
 
 def check(options: Any) -> None:

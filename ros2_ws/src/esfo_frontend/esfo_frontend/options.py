@@ -18,15 +18,15 @@ class CornerOptions:
     eFAST: Mueggler et al., BMVC 2017; Arc*: Alzugaray and Chli, RA-L 2018.
     """
 
-    detector: str = option("efast", "eFAST as in the paper, or Arc*", choices=("efast", "arc_star"))
+    detector: str = option("efast", "corner detector: eFAST, as in the paper, or Arc*", choices=("efast", "arc_star"))
     shortest_inner: int = option(3, "shortest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
     longest_inner: int = option(6, "longest corner arc on the circle of radius 3, of 16 pixels", 1, 15)
     shortest_outer: int = option(4, "shortest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
     longest_outer: int = option(8, "longest corner arc on the circle of radius 4, of 20 pixels", 1, 19)
     kappa: float = option(
-        50.0, "Arc*: time for which a pixel's events of one polarity count as repeated, ms; 0: never", 0.0, 10_000.0
+        50.0, "Arc*: time within which events of equal polarity at a pixel are ignored, ms; 0: none", 0.0, 10_000.0
     )
-    threads: int = option(1, "eFAST: 2 gives each polarity a thread; the corners are the same", 1, 2)
+    threads: int = option(1, "eFAST: number of threads; 2: one per polarity, with the same result", 1, 2)
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class DensityOptions:
 
     radius: float = option(7.0, "lambda: neighbourhood radius in (x, y, scaled t), px", 0.5, 50.0)
     memory: float = option(
-        10.0, "time after which a corner counts 1/e in the mean of its polarity, s; 0: all count the same", 0.0, 1e6
+        10.0, "time constant of the running mean density of each polarity, s; 0: mean of all corners", 0.0, 1e6
     )
 
 
@@ -47,13 +47,15 @@ class ClusterOptions:
     their neighbours, since minPts corners then spread over most of a chunk.
     """
 
-    min_size: int = option(10, "minPts: smallest cluster, corners within one chunk", 2, 10_000)
-    epsilon: float = option(0.0, "clusters closer than this are not split, px in (x, y, scaled t)", 0.0, 1000.0)
+    min_size: int = option(10, "minPts: smallest number of corners of a cluster within one chunk", 2, 10_000)
+    epsilon: float = option(
+        0.0, "clusters closer than this distance in (x, y, scaled t) are not split, px", 0.0, 1000.0
+    )
     chunk: float = option(120.0, "duration of a chunk, ms", 1.0, 60_000.0)
-    shared: float = option(20.0, "duration that neighbouring chunks share, ms; at most half a chunk", 0.0, 30_000.0)
+    shared: float = option(20.0, "overlap of consecutive chunks, ms; at most half a chunk", 0.0, 30_000.0)
     algorithm: str = option(
         "boruvka",
-        "HDBSCAN by `boruvka` here or by the package `hdbscan`, ten times slower; they differ only where edges tie",
+        "HDBSCAN implementation: built in (boruvka) or package `hdbscan` (slower; differs only for equal edges)",
         choices=("boruvka", "hdbscan"),
     )
 
@@ -63,23 +65,42 @@ class JoinOptions:
     """Head to tail joining of clusters (section 4.2)."""
 
     radius: float = option(5.0, "phi: radius of the forward hemisphere in (x, y, scaled t), px", 0.0, 1000.0)
-    descriptor_size: int = option(5, "N_sigma: corners averaged into a head or a tail", 1, 1000)
+    descriptor_size: int = option(
+        5, "N_sigma: number of corners averaged for the head and the tail of a cluster", 1, 1000
+    )
 
 
 @dataclass(frozen=True)
 class AssociationOptions:
     """Association of corners with tracks by prediction. All lengths are pixels of the image: they serve any speed."""
 
-    gate: float = option(2.5, "corners farther from the predicted place of a track are not of it, px", 0.1, 50.0)
-    spacing: float = option(4.0, "no track begins nearer to another of its polarity, px; 0: anywhere", 0.0, 50.0)
-    memory: float = option(4.0, "image motion after which a corner counts 1/e for place and velocity, px", 0.1, 1000.0)
-    coast: float = option(4.0, "predicted motion without a corner after which a track ends, px", 0.1, 50.0)
-    wait: float = option(5.0, "slow tracks end when the typical track has moved so far, px", 0.1, 1000.0)
+    gate: float = option(
+        2.5, "largest distance from a corner to the predicted position of its track, px", 0.1, 50.0, common=True
+    )
+    spacing: float = option(
+        4.0, "smallest distance from a new track to an existing one of the same polarity, px; 0: none", 0.0, 50.0
+    )
+    memory: float = option(
+        4.0, "image motion after which the weight of a corner in the track's fit has fallen to 1/e, px", 0.1, 1000.0
+    )
+    coast: float = option(4.0, "predicted image motion without a corner after which a track ends, px", 0.1, 50.0)
+    wait: float = option(
+        5.0,
+        "image motion of the typical track, during a gap of a slow track, after which the slow one ends, px",
+        0.1,
+        1000.0,
+    )
     longest_gap: float = option(300.0, "time without a corner after which any track ends, ms", 0.1, 60_000.0)
-    step: float = option(4.0, "image motion of a track over which the corners of a row are averaged, px", 0.1, 100.0)
-    lag: float = option(0.6, "corner events trail their corner by this: rows are moved ahead, px", 0.0, 10.0)
-    first_corners: int = option(10, "corners that a track needs before its first row", 2, 10_000)
-    slice: float = option(10.0, "time after which the corners of the stream are taken in together, ms", 0.1, 1000.0)
+    step: float = option(4.0, "image motion over which corners are averaged into one observation, px", 0.1, 100.0)
+    lag: float = option(
+        0.6,
+        "distance by which corner events trail the corner; observations are corrected by it, px",
+        0.0,
+        10.0,
+        common=True,
+    )
+    first_corners: int = option(10, "number of corners of a track before its first observation", 2, 10_000)
+    slice: float = option(10.0, "time slice in which corners are processed together, ms", 0.1, 1000.0)
 
 
 @dataclass(frozen=True)
@@ -87,9 +108,11 @@ class TrackOptions:
     """Window means of the joined clusters (section 4.3, equation 4)."""
 
     window: float = option(30.0, "delta t: duration of a window, ms", 0.1, 60_000.0)
-    min_corners: int = option(3, "corners that a row needs; windows with fewer are dropped", 1, 1000)
-    min_sigma: float = option(0.35, "error of a row that averaging does not remove, px", 0.01, 10.0)
-    corner_sigma: float = option(1.0, "expected scatter of single corners about their track, px", 0.01, 50.0)
+    min_corners: int = option(
+        3, "smallest number of corners of an observation; windows with fewer are dropped", 1, 1000
+    )
+    min_sigma: float = option(0.35, "smallest standard deviation of an observation, px", 0.01, 10.0)
+    corner_sigma: float = option(1.0, "standard deviation of a single corner about its track, px", 0.01, 50.0)
 
 
 @dataclass(frozen=True)
@@ -110,10 +133,11 @@ class FrontendOptions:
 
     tracker: str = option(
         "association",
-        "corners become tracks by prediction (association), or by filter, HDBSCAN and joining (clusters)",
+        "association: nearest predicted track; clusters: density filter, HDBSCAN and joining (paper)",
         choices=("association", "clusters"),
+        common=True,
     )
-    time_scale: float = option(300.0, "pixels that one second counts in distances of (x, y, t), px/s", 0.1, 1e6)
+    time_scale: float = option(300.0, "scale from time to pixels in distances of (x, y, t), px/s", 0.1, 1e6)
     corners: CornerOptions = field(default_factory=CornerOptions)
     density: DensityOptions = field(default_factory=DensityOptions)
     clusters: ClusterOptions = field(default_factory=ClusterOptions)

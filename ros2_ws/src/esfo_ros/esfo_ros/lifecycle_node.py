@@ -40,7 +40,9 @@ DIAGNOSE_S = 1.0
 REPEAT_S = 10.0
 """Time after which a problem that goes on is logged again."""
 
-_AUTOSTART = OptionField("autostart", True, "configure and activate without being told to", None, None, ())
+_AUTOSTART = OptionField(
+    "autostart", True, "configure and activate at the start, without a lifecycle manager", None, None, ()
+)
 _OVERRIDES = QoSOverridingOptions(
     (QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY, QoSPolicyKind.HISTORY, QoSPolicyKind.RELIABILITY)
 )

@@ -49,7 +49,7 @@ def declare_options(node: Node, presets: Mapping[str, T], read_only: bool = True
 
     Raises OptionError for an unknown preset or a bad value.
     """
-    leaf = OptionField("preset", "default", "values of the options that are not set", None, None, tuple(presets))
+    leaf = OptionField("preset", "default", "set of default values of all options", None, None, tuple(presets))
     preset = declare(node, leaf, read_only=True)
     if preset not in presets:
         raise OptionError(f"preset is {preset!r}; choose from {', '.join(presets)}")

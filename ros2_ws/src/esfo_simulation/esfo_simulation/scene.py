@@ -48,8 +48,12 @@ class MotionOptions:
     """Departures from a constant rate about a fixed axis."""
 
     rate_slope_hz_s: float = option(0.0, "change of the spin rate, Hz per second", -100.0, 100.0)
-    nutation_deg: float = option(0.0, "angle between the body's own axis and the fixed one, degrees", 0.0, 80.0)
-    inertia_ratio: float = option(0.7, "nutating body: moment of inertia about its own axis over across it", 0.05, 2.0)
+    nutation_deg: float = option(
+        0.0, "angle between the symmetry axis of the body and the fixed axis, degrees", 0.0, 80.0
+    )
+    inertia_ratio: float = option(
+        0.7, "nutating body: ratio of the axial to the transverse moment of inertia", 0.05, 2.0
+    )
     velocity_x_m_s: float = option(0.0, "velocity of the object to the right, m/s", -1e3, 1e3)
     velocity_y_m_s: float = option(0.0, "velocity of the object downwards, m/s", -1e3, 1e3)
     velocity_z_m_s: float = option(0.0, "velocity of the object away from the camera, m/s", -1e3, 1e3)
@@ -59,28 +63,39 @@ class MotionOptions:
 class SceneOptions:
     """What is simulated."""
 
-    object: str = option("hubble", "what spins", choices=tuple(OBJECTS))
-    mesh: str = option("", "mesh file (.ply, .obj, .glb, .stl) in place of the object")
+    object: str = option("hubble", "object that spins", choices=tuple(OBJECTS))
+    mesh: str = option("", "mesh file (.ply, .obj, .glb, .stl) instead of `object`")
     mesh_up: str = option("z", "axis of the mesh that becomes the spin axis", choices=("x", "y", "z"))
-    mesh_patchwork: str = option("none", "give a plain mesh random albedos", choices=("none", "facets", "faces"))
-    mesh_size_m: float = option(0.0, "largest extent to which the mesh is scaled, m; 0: as it is", 0.0, 1e4)
-    view: str = option("diagonal", "perspective, as named in the paper", choices=(*VIEWS, "custom"))
-    elevation_deg: float = option(0.0, "view custom: 0 is an axis across the view, 90 towards the camera", -90.0, 90.0)
-    roll_deg: float = option(0.0, "view custom: turns the axis in the image, 0 is upright", -180.0, 180.0)
+    mesh_patchwork: str = option(
+        "none", "random albedo for each facet or face of a mesh without colours", choices=("none", "facets", "faces")
+    )
+    mesh_size_m: float = option(0.0, "largest extent after scaling of the mesh, m; 0: not scaled", 0.0, 1e4)
+    view: str = option("diagonal", "viewpoint, named as in the paper", choices=(*VIEWS, "custom"))
+    elevation_deg: float = option(
+        0.0,
+        "view custom: elevation of the axis; 0: parallel to the image, 90: towards the camera, degrees",
+        -90.0,
+        90.0,
+    )
+    roll_deg: float = option(0.0, "view custom: rotation of the axis in the image; 0: upright, degrees", -180.0, 180.0)
     speed: str = option("medium", "spin rate by name: 0.2, 0.5, 1 or 0 Hz", choices=(*SPEEDS_HZ, "still"))
     rate_hz: float = option(0.0, "spin rate in Hz; 0: by `speed`", 0.0, 1000.0)
-    revolutions: float = option(2.5, "turns to simulate", 0.01, 1000.0)
-    duration_s: float = option(0.0, "time to simulate in s; 0: by `revolutions`", 0.0, 1e5)
+    revolutions: float = option(2.5, "number of revolutions", 0.01, 1000.0)
+    duration_s: float = option(0.0, "duration in s; 0: by `revolutions`", 0.0, 1e5)
     width: int = option(480, "sensor width in px", 16, 4096)
     height: int = option(360, "sensor height in px", 16, 4096)
     focal_px: float = option(0.0, "focal length in px; 0: 5/3 of the height", 0.0, 1e5)
-    camera: str = option("", "calibration (YAML) with lens distortion, in place of width, height and focal_px")
-    distance_m: float = option(0.0, "distance to the object in m; 0: such that it fills most of the image", 0.0, 1e5)
-    offset_x: float = option(0.0075, "place of the object right of the optical axis, over the distance", -10.0, 10.0)
-    offset_y: float = option(-0.005, "place of the object below the optical axis, over the distance", -10.0, 10.0)
-    phase_deg: float = option(0.0, "angle of the object at the first frame, degrees", -360.0, 360.0)
+    camera: str = option("", "calibration (YAML) with lens distortion, instead of width, height and focal_px")
+    distance_m: float = option(0.0, "distance to the object in m; 0: the object fills most of the image", 0.0, 1e5)
+    offset_x: float = option(
+        0.0075, "offset of the object to the right of the optical axis, divided by the distance", -10.0, 10.0
+    )
+    offset_y: float = option(
+        -0.005, "offset of the object below the optical axis, divided by the distance", -10.0, 10.0
+    )
+    phase_deg: float = option(0.0, "rotation angle of the object in the first frame, degrees", -360.0, 360.0)
     seed: int = option(1, "seed of the surface pattern and of all noise", 0, 2**31)
-    max_events: int = option(500_000_000, "a scene of more events is refused", 1, 10**12)
+    max_events: int = option(500_000_000, "largest number of events; a larger scene is an error", 1, 10**12)
     motion: MotionOptions = field(default_factory=MotionOptions)
     sensor: SensorOptions = field(default_factory=SensorOptions)
 

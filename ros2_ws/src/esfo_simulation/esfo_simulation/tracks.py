@@ -22,10 +22,10 @@ class SyntheticTrackOptions:
     points: int = option(60, "number of surface points", 1)
     object_radius: float = option(0.35, "radius of the ball, as a fraction of the distance to the camera", 0.01, 0.9)
     duration_s: float = option(4.0, "length of the recording in s", 0.01)
-    window_s: float = option(0.03, "time between rows of one track in s", 1e-4)
+    window_s: float = option(0.03, "time between observations of one track in s", 1e-4)
     track_s: float = option(0.3, "longest duration of one track in s", 1e-3)
     noise_px: float = option(0.0, "standard deviation of the noise of each coordinate in px", 0.0)
-    outliers: float = option(0.0, "share of tracks that follow no point but drift in a straight line", 0.0, 1.0)
+    outliers: float = option(0.0, "share of false tracks, which move on a straight line", 0.0, 1.0)
     seed: int = option(0, "seed of the random numbers", 0)
 
 

@@ -30,10 +30,12 @@ MAX_WAITING = 20_000
 class BackendNodeOptions:
     """What the node itself needs."""
 
-    object_frame: str = option("object", "name of the object's frame")
-    idle_solve_s: float = option(1.0, "wall time without news after which all is solved once more, s; 0: never", 0.0)
-    save_folder: str = option("~/.ros/esfo", "folder in which `~/save` makes one of the date and time")
-    resume: str = option("", "state.npz of an earlier `~/save` to go on from when the node is configured; empty: none")
+    object_frame: str = option("object", "frame_id of the object")
+    idle_solve_s: float = option(
+        1.0, "wall time without new data after which all data are solved again, s; 0: never", 0.0
+    )
+    save_folder: str = option("~/.ros/esfo", "folder in which `~/save` creates a subfolder named by date and time")
+    resume: str = option("", "state.npz of an earlier `~/save`, loaded when the node is configured; empty: none")
 
 
 class LiveBackend:

@@ -39,15 +39,27 @@ TF_PERIOD_S = 1 / 30
 CLOCK_DIFFERENCE_S = 5.0
 
 # Much comes while the worker holds the interpreter; nothing of it may be lost.
-TRACKS = Topic("feature_tracks", msg.FeatureTracks, reliable(10_000), "rows of tracks: id, sensor time in ns, px")
-ACTIVITY = Topic("event_activity", msg.EventActivity, reliable(10_000), "event counts by time bin, polarity and cell")
-ORBIT = Topic("orbit", msg.OrbitEstimate, latched(), "motion with deviations, verdict and alternatives; camera frame")
-SPIN_RATE = Topic(
-    "spin_rate", TwistWithCovarianceStamped, latched(), "angular velocity vector in rad/s, camera frame; none if failed"
+TRACKS = Topic(
+    "feature_tracks", msg.FeatureTracks, reliable(10_000), "observations of tracks: id, sensor time in ns, px"
 )
-POINTS = Topic("points", PointCloud2, latched(), "x, y, z in units of the scale, rms_px, rows; object frame")
+ACTIVITY = Topic("event_activity", msg.EventActivity, reliable(10_000), "event counts by time bin, polarity and cell")
+ORBIT = Topic(
+    "orbit",
+    msg.OrbitEstimate,
+    latched(),
+    "motion with standard deviations, status, flags and alternatives; camera frame",
+)
+SPIN_RATE = Topic(
+    "spin_rate",
+    TwistWithCovarianceStamped,
+    latched(),
+    "angular velocity in rad/s, camera frame; not published for `failed`",
+)
+POINTS = Topic(
+    "points", PointCloud2, latched(), "x, y, z in units of `scale`, rms_px, rows (observations); object frame"
+)
 # Latched and reliable: RViz asks for reliable by default, and would not match best effort.
-MARKERS = Topic("markers", MarkerArray, latched(), "spin axis and orbit of the camera about the object; camera frame")
+MARKERS = Topic("markers", MarkerArray, latched(), "spin axis, and orbit of the camera about the object; camera frame")
 TF = Topic("/tf", TFMessage, reliable(100), "pose of the object frame in the camera frame, 30 Hz of ROS time")
 
 
@@ -59,13 +71,13 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
     SERVICES = (
         Service(
             "~/solve",
-            "estimates from everything received, every start; answers `observations=.. activity_bins=.. status=..`",
+            "estimates from all data, with every initialisation; returns `observations=.. activity_bins=.. status=..`",
             after_quiet=True,
         ),
-        Service("~/reset", "forgets everything but the camera", after_quiet=False),
+        Service("~/reset", "deletes all data except the calibration", after_quiet=False),
         Service(
             "~/save",
-            "writes orbit.json, points.ply, tracks.csv and state.npz into a new folder below `save_folder`; answers it",
+            "writes orbit.json, points.ply, tracks.csv, state.npz to a new folder in `save_folder`; returns its path",
             after_quiet=False,
         ),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from esfo_bringup.commands.reading import add_assignments, add_recording
 from esfo_bringup.errors import CommandError
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source, open_source
-from esfo_bringup.settings import RunSettings, settings_for, share_out
+from esfo_bringup.settings import RunSettings, common_options, settings_for, share_out
 from esfo_core.estimate_text import facts
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions
@@ -28,6 +29,18 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--preset", default="default", choices=("default", "paper"), help="values of all options")
     add_assignments(parser, "set one option of the pipeline or of reading; may be repeated")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = common_options_text()
+
+
+def common_options_text() -> str:
+    """Return the options that users change most, each with its default, choices and meaning."""
+    lines = ["options that users change most (-p NAME:=VALUE; docs/interfaces.md lists all):"]
+    for leaf in common_options():
+        choices = f" [{', '.join(leaf.choices)}]" if leaf.choices else ""
+        text = f"default {leaf.value}{choices}; {leaf.meaning}"
+        lines += textwrap.wrap(f"{leaf.name:<22} {text}", 100, initial_indent="  ", subsequent_indent=" " * 25)
+    return "\n".join(lines)
 
 
 def settings_of(args: argparse.Namespace) -> RunSettings:

@@ -25,9 +25,14 @@ from esfo_ros.entry_point import run
 from esfo_ros.parameters import declare_fields
 from esfo_ros.topics import CAMERA_INFO, Topic, reliable
 
-EVENTS = Topic("events", EventPacket, reliable(1000), "encoding `mono`; packets of 2 ms; sensor time is host time")
-CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms of it")
-ACTIVITY = Topic("event_activity", EventActivity, reliable(1000), "with rate 0: how far the front-end has come")
+EVENTS = Topic("events", EventPacket, reliable(1000), "encoding `mono`; packets of 2 ms; host time equals sensor time")
+CLOCK = Topic("/clock", Clock, reliable(10), "sensor time, every 10 ms")
+ACTIVITY = Topic(
+    "event_activity",
+    EventActivity,
+    reliable(1000),
+    "with rate 0: acknowledges the events that the front-end has processed",
+)
 
 CLOCK_NS = 10_000_000
 MATCHING_S = 0.3

@@ -24,16 +24,20 @@ class ReplayOptions:
     """What is played, and how fast."""
 
     recording: str = option("", "path of the recording")
-    topic: str = option("", "event topic of a bag, where it has several; empty: the only one")
+    topic: str = option("", "event topic of a bag with several; empty: the only one")
     reading: ReadingOptions = field(default_factory=ReadingOptions)
     camera: str = option("", "path of a camera_calibration YAML; empty: the calibration in the recording")
     frame_id: str = option("camera", "name of the camera's optical frame")
     rate: float = option(1.0, "speed relative to real time; 0: as fast as the front-end acknowledges", 0.0, 1e6)
-    in_flight_s: float = option(0.3, "with rate 0: sensor time sent beyond what is acknowledged, s", 0.01, 1e3)
-    stall_s: float = option(60.0, "with rate 0: time without acknowledgement that is an error, s", 1.0, 1e6)
-    loop: bool = option(False, "play again and again, with times that go on")
-    wait_for_subscribers: int = option(1, "subscribers of `events` that must be there before the start", 0, 1000)
-    wait_timeout_s: float = option(60.0, "longest wait for them, s", 0.0, 1e6)
+    in_flight_s: float = option(0.3, "with rate 0: largest sensor time sent and not yet acknowledged, s", 0.01, 1e3)
+    stall_s: float = option(
+        60.0, "with rate 0: time without acknowledgement after which the node reports an error, s", 1.0, 1e6
+    )
+    loop: bool = option(False, "repeat the recording, with increasing times")
+    wait_for_subscribers: int = option(
+        1, "number of subscribers of `events` for which the node waits before it starts", 0, 1000
+    )
+    wait_timeout_s: float = option(60.0, "longest wait for these subscribers, s", 0.0, 1e6)
 
 
 def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:

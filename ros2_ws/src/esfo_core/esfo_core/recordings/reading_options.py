@@ -14,9 +14,13 @@ class ReadingOptions:
 
     width: int = option(0, "sensor width in pixels, for text and HDF5 files; 0: the largest x plus 1", 0, 65536)
     height: int = option(0, "sensor height in pixels, for text and HDF5 files; 0: the largest y plus 1", 0, 65536)
-    columns: str = option("", "columns of a text, such as t,x,y,p; other names are skipped; empty: found out")
-    time_unit: str = option("", "unit of the times of a text; empty: found out", choices=("", "s", "ms", "us", "ns"))
-    segment: int = option(0, "which stretch to read of a recording whose clock is set back, from 0", 0, 999)
+    columns: str = option("", "column names of a text file, such as t,x,y,p; others are skipped; empty: inferred")
+    time_unit: str = option(
+        "", "unit of the times in a text file; empty: inferred", choices=("", "s", "ms", "us", "ns")
+    )
+    segment: int = option(
+        0, "index, from 0, of the segment to read where the clock of the recording was set back", 0, 999
+    )
 
     @property
     def size(self) -> tuple[int, int] | None:

@@ -33,7 +33,7 @@ class SubscriptionOptions:
     """Quality of service of the event packets."""
 
     reliability: str = option("best_effort", "QoS of the event packets", choices=("best_effort", "reliable"))
-    depth: int = option(1000, "event packets that ROS keeps until they are taken", 1, 1_000_000)
+    depth: int = option(1000, "queue depth of the event subscription, packets", 1, 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,15 @@ class FrontendNodeOptions:
     """How packets reach the front-end."""
 
     events: SubscriptionOptions = field(default_factory=SubscriptionOptions)
-    queue: int = option(1000, "packets that may wait for the front-end; then the oldest is dropped", 1, 1_000_000)
-    wait_for_back_end: bool = option(False, "take events only once a back-end, and whoever else is there, listens")
-    min_listeners: int = option(1, "with wait_for_back_end: least listeners of tracks, and of activity", 1, 1000)
-    idle_flush_s: float = option(2.0, "wall time without packets that ends the stream, s; 0: never", 0.0, 1e6)
-    camera_frame: str = option("camera", "frame of the camera where the packets name none")
+    queue: int = option(
+        1000, "largest number of packets that wait for the front-end; then the oldest is dropped", 1, 1_000_000
+    )
+    wait_for_back_end: bool = option(False, "subscribe to events only after tracks and activity have subscribers")
+    min_listeners: int = option(1, "with wait_for_back_end: smallest number of subscribers of each", 1, 1000)
+    idle_flush_s: float = option(
+        2.0, "wall time without packets after which the stream is ended, s; 0: never", 0.0, 1e6
+    )
+    camera_frame: str = option("camera", "camera frame used when the packets have no frame_id")
 
 
 class LiveFrontend:

@@ -33,12 +33,14 @@ from esfo_ros.worker import Worker
 
 CONNECT_S, FOLLOW_S, DRAW_S = 0.05, 1.0, 0.2
 
-EVENTS = Topic("events", EventPacket, best_effort(1000), "packets or arrays of events; px, sensor time")
-ORBIT = Topic("orbit", OrbitEstimate, latched(), "motion, drawn into the overlay")
-CLUSTERS = Topic("corner_clusters", CornerClusters, reliable(100), "corners in px and ns of sensor time, cluster ids")
-TRACKS = Topic("feature_tracks", FeatureTracks, reliable(100), "rows of tracks: id, sensor time in ns, px")
+EVENTS = Topic("events", EventPacket, best_effort(1000), "event packets or event arrays; px, sensor time")
+ORBIT = Topic("orbit", OrbitEstimate, latched(), "motion, drawn in the overlay")
+CLUSTERS = Topic("corner_clusters", CornerClusters, reliable(100), "corners: px, sensor time in ns, cluster id")
+TRACKS = Topic("feature_tracks", FeatureTracks, reliable(100), "observations of tracks: id, sensor time in ns, px")
 ACTIVITY = Topic("event_activity", EventActivity, reliable(100), "event counts by time bin, polarity and cell")
-OVERLAY = Topic("overlay", Image, reliable(1), "rgb8: events, tracks, screw line; only while somebody subscribes")
+OVERLAY = Topic(
+    "overlay", Image, reliable(1), "rgb8: events, tracks, projected spin axis; only while it has subscribers"
+)
 
 
 class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
@@ -49,11 +51,11 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
     SERVICES = (
         Service(
             "~/flush",
-            "works off all queued packets, ends every track, publishes; answers `packets=.. observations=.. "
+            "processes all queued packets, ends every track, publishes; returns `packets=.. observations=.. "
             "activity_bins=..`",
             after_quiet=True,
         ),
-        Service("~/reset", "forgets the stream and its tracks", after_quiet=False),
+        Service("~/reset", "deletes the stream and its tracks", after_quiet=False),
     )
 
     def __init__(self) -> None:

@@ -34,10 +34,10 @@ DAVIS240C = Camera(
 class HandheldOptions:
     """What is simulated."""
 
-    scene: str = option("shapes", "what the camera sees", choices=tuple(ROOMS))
-    motion: str = option("6dof", "how the camera moves", choices=tuple(MOTIONS))
-    duration_s: float = option(10.0, "time to simulate, s; the motion gets faster all the time", 0.01, 600.0)
-    speed: float = option(1.0, "pace of the motion relative to the dataset's", 0.05, 5.0)
+    scene: str = option("shapes", "scene in front of the camera", choices=tuple(ROOMS))
+    motion: str = option("6dof", "motion of the camera", choices=tuple(MOTIONS))
+    duration_s: float = option(10.0, "duration, s; the motion accelerates throughout", 0.01, 600.0)
+    speed: float = option(1.0, "speed of the motion relative to that of the dataset", 0.05, 5.0)
     seed: int = option(1, "seed of the scene, the motion and all noise", 0, 2**31)
     sensor: SensorOptions = field(default_factory=SensorOptions)
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.estimate import Alternative, OrbitEstimate, RateEstimate
 from esfo_core.orbit import Spin, rotation, tangent_basis
 
 PROMISED = {
@@ -17,6 +17,7 @@ PROMISED = {
     *("timing_s", "versions"),
 }
 BESIDE = {"reason", "t0_ns", "alternatives"}  # why there is no estimate; the time of X in points.ply; what was rejected
+BESIDE |= {"level", "rates"}  # how much is known, and the rate from each source alone
 BESIDE |= {"spin_rate_slope_hz_s", "spin_rate_slope_std_hz_s"}  # whether the rate is constant
 
 SPIN = Spin(np.array([0.6, 0.8, 0.0]), 0.5, np.array([0.1, 0.0, 4.0]), 1_700_000_000_123_456_789)
@@ -29,7 +30,10 @@ def estimate(**changes):
         "flags": ("scale_unobservable",),
         "reason": "",
         "spin": SPIN,
+        "level": "orbit",
+        "rate_hz": 0.5,
         "rate_std_hz": 1e-4,
+        "stream_rate": RateEstimate(0.5001, 2e-4),
         "rate_slope_hz_s": 2e-5,
         "rate_slope_std_hz_s": 1e-5,
         "axis_cov": np.diag([1e-6, 4e-6]),
@@ -63,10 +67,12 @@ def test_an_estimate_is_written_with_the_promised_keys_and_values(tmp_path):
     orbit = content.pop("orbit")
     assert content == {
         "status": "ok",
+        "level": "orbit",
         "flags": ["scale_unobservable"],
         "reason": "",
         "spin_rate_hz": 0.5,
         "spin_rate_std_hz": 1e-4,
+        "rates": {"stream": {"hz": 0.5001, "std_hz": 2e-4}, "tracks": None},
         "spin_rate_slope_hz_s": 2e-5,
         "spin_rate_slope_std_hz_s": 1e-5,
         "axis": [0.6, 0.8, 0.0],

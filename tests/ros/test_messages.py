@@ -17,7 +17,7 @@ from esfo_core.activity import Activity, ActivityError
 from esfo_core.camera import Camera
 from esfo_core.codecs import decoder
 from esfo_core.errors import EsfoError, TracksError
-from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.estimate import Alternative, OrbitEstimate, RateEstimate
 from esfo_core.events import make_events
 from esfo_core.orbit import Spin, angle_between, rotation, tangent_basis
 from esfo_core.packets import EVENT_PACKET, packet_from_cdr
@@ -44,7 +44,11 @@ def some_estimate(points=40, **changes):
         "flags": ("scale_unobservable", "harmonic_ambiguous"),
         "reason": "",
         "spin": SPIN,
+        "level": "orbit",
+        "rate_hz": SPIN.rate_hz,
         "rate_std_hz": 2e-4,
+        "stream_rate": RateEstimate(0.5001, 2e-4),
+        "track_rate": RateEstimate(0.4999, 3e-4),
         "rate_slope_hz_s": -3e-3,
         "rate_slope_std_hz_s": 4e-4,
         "axis_cov": np.array([[2e-6, 3e-7], [3e-7, 1e-6]]),

@@ -15,6 +15,21 @@ from esfo_core.orbit import OrbitError, Spin
 
 Status = Literal["ok", "degenerate", "failed"]
 
+Level = Literal["orbit", "image_axis", "rate", "none"]
+"""How much is known: the whole orbit; the rate and the image of the axis; the rate alone; nothing."""
+
+
+WITH_MOTION: tuple[Level, ...] = ("orbit", "image_axis")
+"""Levels at which there is a motion."""
+
+
+@dataclass(frozen=True)
+class RateEstimate:
+    """A spin rate and its standard deviation, Hz."""
+
+    rate_hz: float
+    std_hz: float
+
 
 @dataclass(frozen=True)
 class Alternative:
@@ -36,8 +51,11 @@ class Alternative:
 class OrbitEstimate:
     """Spin, structure and how far to trust them.
 
-    status: `ok`, `degenerate` (something named in flags is not observable) or `failed` (no estimate; reason says why).
-    spin: the motion, None when failed. Lengths are in units of `scale`: `unit` sets the orbit radius to 1.
+    status: `ok` (the whole orbit can be trusted), `degenerate` (something named in flags is not observable) or `failed`
+    (no rate; reason says why). level: how much is known.
+    spin: the motion; None at the levels `rate` and `none`. rate_hz: the spin rate; NaN at the level `none`.
+    stream_rate, track_rate: the same rate from the event stream alone and from re-observed tracks alone, None where
+    they do not show it. Lengths are in units of `scale`: `unit` sets the orbit radius to 1.
     rate_std_hz: standard deviation of the rate; with the flag rate_not_constant the rate is that at spin.t0.
     rate_slope_hz_s, rate_slope_std_hz_s: change of the rate with its standard deviation, Hz per second.
     axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
@@ -51,6 +69,7 @@ class OrbitEstimate:
     flags: tuple[str, ...]
     reason: str
     spin: Spin | None
+    rate_hz: float
     rate_std_hz: float
     axis_cov: NDArray[np.float64]
     points: NDArray[np.float64]
@@ -63,6 +82,9 @@ class OrbitEstimate:
     initialisation: str
     rate_slope_hz_s: float = math.nan
     rate_slope_std_hz_s: float = math.nan
+    level: Level = "none"
+    stream_rate: RateEstimate | None = None
+    track_rate: RateEstimate | None = None
     scale: str = "unit"
     t_first: int = 0
     t_last: int = 0
@@ -87,6 +109,7 @@ class OrbitEstimate:
             "flags": (),
             "reason": reason,
             "spin": None,
+            "rate_hz": float("nan"),
             "rate_std_hz": float("nan"),
             "axis_cov": np.full((2, 2), np.nan),
             "points": np.empty((0, 3)),
@@ -107,10 +130,13 @@ class OrbitEstimate:
         """
         out: dict[str, object] = {
             "status": self.status,
+            "level": self.level,
             "flags": list(self.flags),
             "reason": self.reason,
-            **_spin_fields(self.spin),
+            "spin_rate_hz": self.rate_hz,
             "spin_rate_std_hz": self.rate_std_hz,
+            "rates": {"stream": _rate_fields(self.stream_rate), "tracks": _rate_fields(self.track_rate)},
+            **_spin_fields(self.spin),
             "spin_rate_slope_hz_s": self.rate_slope_hz_s,
             "spin_rate_slope_std_hz_s": self.rate_slope_std_hz_s,
             "axis_std_deg": self.axis_std_deg,
@@ -135,10 +161,14 @@ class OrbitEstimate:
         path.write_text(json.dumps(self.to_json(versions), indent=2, allow_nan=False) + "\n")
 
 
+def _rate_fields(rate: RateEstimate | None) -> dict[str, float] | None:
+    return None if rate is None else {"hz": rate.rate_hz, "std_hz": rate.std_hz}
+
+
 def _spin_fields(spin: Spin | None) -> dict[str, object]:
     if spin is None:
-        return dict.fromkeys(("spin_rate_hz", "axis", "center", "t0_ns", "radius", "orbit"))
-    motion = {"spin_rate_hz": spin.rate_hz, "axis": spin.axis, "center": spin.center, "t0_ns": spin.t0}
+        return dict.fromkeys(("axis", "center", "t0_ns", "radius", "orbit"))
+    motion = {"axis": spin.axis, "center": spin.center, "t0_ns": spin.t0}
     try:
         orbit = spin.paper_orbit()
     except OrbitError:  # the axis passes through the camera: the motion is known, its circle is a point

@@ -12,8 +12,12 @@ def one_line(estimate: OrbitEstimate, points: int | None = None) -> str:
 
     points: number of its points, for an estimate that was received without them.
     """
-    if estimate.spin is None:
+    if estimate.level == "none":
         return f"{estimate.status}: {estimate.reason}"
+    if estimate.spin is None:
+        return (
+            f"{estimate.status}, rate alone: {estimate.rate_hz:.6g} +- {estimate.rate_std_hz:.2g} Hz; {estimate.reason}"
+        )
     axis = ", ".join(f"{v:.4f}" for v in estimate.spin.axis)
     flags = f" ({', '.join(estimate.flags)})" if estimate.flags else ""
     number = len(estimate.points) if points is None else points
@@ -30,10 +34,13 @@ def facts(estimate: OrbitEstimate, note: str = "") -> dict[str, str]:
     """
     status = estimate.status + (f" [{', '.join(estimate.flags)}]" if estimate.flags else "")
     spin = estimate.spin
-    if spin is None:
+    if estimate.level == "none":
         return {"status": status}
+    rate = f"{estimate.rate_hz:.6f} Hz +- {estimate.rate_std_hz:.6f}  ({60 * estimate.rate_hz:.3f} rpm)"
+    if spin is None:
+        return {"spin rate": f"{rate}, from the event stream alone", "status": status}
     axis, center = (", ".join(f"{v:+.4f}" for v in vector) for vector in (spin.axis, spin.center))
-    found = {"spin rate": f"{spin.rate_hz:.6f} Hz +- {estimate.rate_std_hz:.6f}  ({60 * spin.rate_hz:.3f} rpm)"}
+    found = {"spin rate": rate}
     if math.isfinite(estimate.rate_slope_hz_s):
         found["rate slope"] = f"{estimate.rate_slope_hz_s:+.2e} Hz/s +- {estimate.rate_slope_std_hz_s:.1e}"
     return {

@@ -20,7 +20,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from esfo_core.activity import Activity, ActivityError
-from esfo_core.estimate import Alternative, OrbitEstimate, Status
+from esfo_core.estimate import WITH_MOTION, Alternative, OrbitEstimate, RateEstimate, Status
 from esfo_core.orbit import OrbitError, Spin, object_frame, rotation, tangent_basis
 from esfo_core.tracks import Tracks, TrackUpdate
 
@@ -52,6 +52,10 @@ def activity_from(message: msg.EventActivity) -> Activity:
     return Activity(message.t0, message.bin, message.cell, counts.reshape(-1, 2, message.rows, message.columns))
 
 
+def _rate(rate_hz: float, std_hz: float) -> RateEstimate | None:
+    return None if math.isnan(rate_hz) else RateEstimate(rate_hz, std_hz)
+
+
 def estimate_messages(estimate: OrbitEstimate, header: Header, object_frame_id: str) -> Iterator[tuple[str, Any]]:
     """Return the messages that an estimate makes, each after its topic; `orbit` is the last and announces the others.
 
@@ -72,7 +76,13 @@ def orbit_message(estimate: OrbitEstimate, header: Header) -> msg.OrbitEstimate:
         status=_STATUS[estimate.status],
         flags=list(estimate.flags),
         reason=estimate.reason,
+        level=estimate.level,
+        rate_hz=estimate.rate_hz,
         rate_std_hz=estimate.rate_std_hz,
+        stream_rate_hz=math.nan if estimate.stream_rate is None else estimate.stream_rate.rate_hz,
+        stream_rate_std_hz=math.nan if estimate.stream_rate is None else estimate.stream_rate.std_hz,
+        track_rate_hz=math.nan if estimate.track_rate is None else estimate.track_rate.rate_hz,
+        track_rate_std_hz=math.nan if estimate.track_rate is None else estimate.track_rate.std_hz,
         rate_slope_hz_s=estimate.rate_slope_hz_s,
         rate_slope_std_hz_s=estimate.rate_slope_std_hz_s,
         axis_covariance=estimate.axis_cov.ravel(),
@@ -98,7 +108,7 @@ def orbit_message(estimate: OrbitEstimate, header: Header) -> msg.OrbitEstimate:
 
 
 def _fill_motion(message: msg.OrbitEstimate, spin: Spin, t: int) -> None:
-    message.axis, message.center, message.rate_hz = spin.axis, spin.center, spin.rate_hz
+    message.axis, message.center = spin.axis, spin.center
     message.t0, message.phase = spin.t0, float(spin.angle(np.asarray(t))) % (2 * math.pi)
     try:
         orbit = spin.paper_orbit()
@@ -117,7 +127,7 @@ def estimate_from(message: msg.OrbitEstimate, points: PointCloud2 | None) -> Orb
     status = {number: name for name, number in _STATUS.items()}[message.status]
     spin = None
     X, rms, rows = np.empty((0, 3)), np.empty(0), np.empty(0, np.int64)
-    if status != "failed":
+    if message.level in WITH_MOTION:
         spin = Spin(np.array(message.axis), float(message.rate_hz), np.array(message.center), int(message.t0))
         if points is not None:
             cloud = np.frombuffer(points.data, POINT_DTYPE)
@@ -132,7 +142,11 @@ def estimate_from(message: msg.OrbitEstimate, points: PointCloud2 | None) -> Orb
         flags=tuple(message.flags),
         reason=message.reason,
         spin=spin,
+        level=message.level,
+        rate_hz=message.rate_hz,
         rate_std_hz=message.rate_std_hz,
+        stream_rate=_rate(message.stream_rate_hz, message.stream_rate_std_hz),
+        track_rate=_rate(message.track_rate_hz, message.track_rate_std_hz),
         rate_slope_hz_s=message.rate_slope_hz_s,
         rate_slope_std_hz_s=message.rate_slope_std_hz_s,
         axis_cov=np.array(message.axis_covariance).reshape(2, 2),

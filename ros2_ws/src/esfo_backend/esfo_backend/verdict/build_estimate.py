@@ -77,6 +77,8 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
         status=verdict.status,
         reason=verdict.reason,
         spin=spin,
+        level="image_axis" if "axis_unobservable" in verdict.flags else "orbit",
+        rate_hz=spin.rate_hz,
         rate_std_hz=covariance.rate_std_hz,
         axis_cov=covariance.axis_cov,
         points=points,

@@ -33,6 +33,7 @@ from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
 from esfo_core.errors import EsfoError
+from esfo_core.estimate import WITH_MOTION
 from esfo_core.estimate_text import one_line
 from esfo_core.events import NS_PER_S
 from esfo_core.options import parse_assignments
@@ -194,7 +195,7 @@ def _finish(collector: CollectorNode, replay: NodeProcess, processes: NodeProces
             raise CommandError(f"the back-end received {solved['observations']} of {rows} observations")
     collector.spin_until(lambda: collector.orbits > before, processes, _SETTLE_S, "receiving the orbit")
     orbit = collector.orbit
-    if orbit is not None and orbit.status != OrbitEstimate.STATUS_FAILED:
+    if orbit is not None and orbit.level in WITH_MOTION:
         collector.spin_until(
             lambda: collector.points is not None and collector.points.header.stamp == orbit.header.stamp,
             processes,

@@ -13,6 +13,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from esfo_core.activity import Activity
+from esfo_core.estimate import WITH_MOTION
 from esfo_core.orbit import Spin
 from esfo_core.tracks import TrackUpdate
 from esfo_frontend.clustering.chunk_clusterer import Clusters
@@ -89,8 +90,8 @@ def image_message(rgb: NDArray[np.uint8], header: Header) -> Image:
 
 
 def spin_from(message: OrbitEstimate) -> Spin | None:
-    """Return the motion of an estimate, None where it failed."""
-    if message.status == OrbitEstimate.STATUS_FAILED:
+    """Return the motion of an estimate, None where it has none."""
+    if message.level not in WITH_MOTION:
         return None
     return Spin(np.array(message.axis), float(message.rate_hz), np.array(message.center), int(message.t0))
 

@@ -105,6 +105,9 @@ class VerdictOptions:
     min_revolutions: float = option(
         1.0, "smallest number of revolutions, measured by the tracks, of a result that is `ok`", 0.0
     )
+    rate_z: float = option(
+        3.0, "standard errors by which the tracks must fit the rate better than its multiples and fractions", 0.0
+    )
     mirror_ratio: float = option(
         1.1, "cost ratio of second to best optimum below which the result is flagged as ambiguous", 1.0
     )

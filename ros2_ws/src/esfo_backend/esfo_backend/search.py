@@ -14,16 +14,25 @@ from numpy.typing import NDArray
 
 from esfo_backend.adjustment.factor_graph import GraphOptimum, optimise_graph
 from esfo_backend.errors import BackendError
+from esfo_backend.initialise.axis_search import search_axis
 from esfo_backend.initialise.initialisation import Initialisation, initialise
+from esfo_backend.initialise.rate_evidence import RateComparison, compare_rates
 from esfo_backend.landmarks.landmarks import Landmarks, build_landmarks, drop_far, prune
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.observations import Observations, observations
+from esfo_backend.orbit.selection import longest_points
 from esfo_backend.spin_rate.aperiodic import explain_aperiodic
-from esfo_backend.spin_rate.correlation import SpinRate
+from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, SpinRate
 from esfo_backend.spin_rate.hypotheses import RateHypothesis, rate_hypotheses
 from esfo_backend.spin_rate.rate_ramp import warp_times
 from esfo_backend.stopwatch import Stopwatch
-from esfo_backend.verdict.build_estimate import Optimum, build_estimate, most_reobserved, reobserved
+from esfo_backend.verdict.build_estimate import (
+    Optimum,
+    build_estimate,
+    most_reobserved,
+    reobserved,
+    with_comparisons,
+)
 from esfo_backend.verdict.verdict import unconfirmed
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
@@ -61,7 +70,7 @@ class Candidate:
     """A rate hypothesis, worked out as far as the data allow.
 
     estimate: failed where they do not. initialisation, landmarks: None where it did not come to them. track_ids: (M,)
-    track of each entry of `landmarks.label`.
+    track of each entry of `landmarks.label`. comparisons: with other rates, where a constant rate was estimated.
     """
 
     hypothesis: RateHypothesis
@@ -69,12 +78,13 @@ class Candidate:
     initialisation: Initialisation | None = None
     landmarks: Landmarks | None = None
     track_ids: NDArray[np.uint32] | None = None
+    comparisons: tuple[RateComparison, ...] = ()
 
     @property
     def is_one_rotation(self) -> bool:
-        """Whether a constant rate about one axis explains the tracks."""
+        """Whether a constant rate about one axis explains the tracks, and no other rate does so better."""
         other_motion = {"rate_not_constant", "not_a_rotation"} & set(self.estimate.flags)
-        return self.estimate.status != "failed" and not other_motion
+        return self.estimate.status != "failed" and not other_motion and all(c.z > 0 for c in self.comparisons)
 
 
 @dataclass(frozen=True)
@@ -102,13 +112,18 @@ class SearchResult:
 def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) -> SearchResult:
     """Estimate from nothing but the data; a failed estimate says why there is none.
 
-    The period of the event stream comes first. Its multiples, and a rate that changes evenly, are tried where no one
-    rotation at that period explains the tracks. thorough: try every initialisation that the options ask for, and every
-    multiple. ramp_after_s: length of the stream in s from which a rate ramp is searched.
+    The period of the event stream comes first. Other rates that the tracks fit better, and a rate that changes evenly,
+    are tried where no one rotation at that period explains the tracks. thorough: try every initialisation that the
+    options ask for, and all multiples of the period. ramp_after_s: length of the stream in s from which a rate ramp is
+    searched.
     """
     watch = Stopwatch(data.on_stage)
     candidates: list[Candidate] = []
-    for hypothesis in rate_hypotheses(data.activity, data.options, thorough, watch, ramp_after_s):
+
+    def preferred(rate: SpinRate) -> list[float]:
+        return _preferred_rates(rate, data, watch, thorough)
+
+    for hypothesis in rate_hypotheses(data.activity, data.options, watch, preferred, ramp_after_s):
         candidates.append(_work_out(hypothesis, data, watch, thorough and not candidates))
         if candidates[0].is_one_rotation:
             break
@@ -158,7 +173,43 @@ def _work_out(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, t
         landmarks, estimate = _refine(hypothesis, prepared, data, watch)
     except BackendError as error:
         return Candidate(hypothesis, data.failure(_named(error, hypothesis)), prepared.initialisation)
-    return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids)
+    if hypothesis.kind not in ("period", "multiple") or estimate.spin is None:
+        return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids)
+    with watch.stage("initialisation"):
+        comparisons = _compare(hypothesis, prepared, data)
+    estimate = with_comparisons(estimate, comparisons, data.options.verdict)
+    return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids, comparisons)
+
+
+def _compare(hypothesis: RateHypothesis, prepared: _Prepared, data: SearchInput) -> tuple[RateComparison, ...]:
+    """Compare the rate with its nearest multiples and fractions, and with that of the event stream."""
+    rate = prepared.rate
+    others = {factor * rate.rate_hz for factor in (2, 3, 1 / 2, 1 / 3)}
+    if hypothesis.kind == "multiple":
+        others = {o for o in others if not rate.harmonics or abs(o / rate.harmonics[0].rate_hz - 1) > 1e-6}
+        others.add(rate.harmonics[0].rate_hz)
+    motion = prepared.initialisation.solution.motion
+    return compare_rates(motion, prepared.obs, sorted(others), data.options.initialisation)
+
+
+def _preferred_rates(rate: SpinRate, data: SearchInput, watch: Stopwatch, thorough: bool) -> list[float]:
+    """Multiples and fractions of the period that the tracks fit better than the period itself, the best first.
+
+    An object that is symmetric about its axis looks the same after part of a revolution: only its tracks tell how many
+    such parts make one.
+    """
+    shown = {h.rate_hz for h in rate.harmonics if h.rate_hz < rate.rate_hz}
+    parts = range(2, LARGEST_HARMONIC + 1 if thorough else 4)
+    others = shown | {rate.rate_hz / k for k in parts} | {2 * rate.rate_hz, 3 * rate.rate_hz}
+    options = data.options.initialisation
+    try:
+        obs, _ = observations(data.tracks, data.camera, options.min_observations)
+        with watch.stage("initialisation"):
+            motion = search_axis(longest_points(obs, options.search_tracks), rate.rate_hz, options).best.motion
+            found = compare_rates(motion, obs, sorted(others), options)
+    except BackendError:
+        return []
+    return [c.rate_hz for c in sorted(found, key=lambda c: c.z) if c.z < 0]
 
 
 def _named(error: BackendError, hypothesis: RateHypothesis) -> BackendError:

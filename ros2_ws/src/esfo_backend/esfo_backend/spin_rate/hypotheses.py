@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -11,7 +11,7 @@ import numpy as np
 
 from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions
-from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic, SpinRate, correlation_rate, fourier_rate
+from esfo_backend.spin_rate.correlation import Harmonic, SpinRate, correlation_rate, fourier_rate
 from esfo_backend.spin_rate.rate_ramp import RateRamp, find_rate_ramp
 from esfo_backend.stopwatch import Stopwatch
 from esfo_core.activity import Activity
@@ -19,14 +19,17 @@ from esfo_core.events import NS_PER_S
 
 Kind = Literal["fourier", "period", "multiple", "ramp", "aperiodic"]
 
+PreferredRates = Callable[[SpinRate], Sequence[float]]
+"""Other rates in Hz than that of the event stream which the tracks fit better, the best first."""
+
 
 @dataclass(frozen=True)
 class RateHypothesis:
     """A rate that the object may have.
 
-    kind: `fourier` (the paper's rate, taken as it is), `period` (of the event stream), `multiple` (of that period),
-    `ramp` (a rate that changes evenly) or `aperiodic` (no rate: reason says why). rate: None for `aperiodic` alone.
-    ramp: for `ramp` alone. alone: the stream has no period, so that nothing else explains it.
+    kind: `fourier` (the paper's rate, taken as it is), `period` (of the event stream), `multiple` (or fraction of that
+    period), `ramp` (a rate that changes evenly) or `aperiodic` (no rate: reason says why). rate: None for `aperiodic`
+    alone. ramp: for `ramp` alone. alone: the stream has no period, so that nothing else explains it.
     """
 
     kind: Kind
@@ -37,12 +40,12 @@ class RateHypothesis:
 
 
 def rate_hypotheses(
-    activity: Activity, options: BackendOptions, thorough: bool, watch: Stopwatch, ramp_after_s: float
+    activity: Activity, options: BackendOptions, watch: Stopwatch, preferred: PreferredRates, ramp_after_s: float
 ) -> Iterator[RateHypothesis]:
     """Yield the period of the event stream, then what to try where no one rotation at that period explains the tracks.
 
-    thorough: try all multiples of the period, not only those that the stream itself has shown. ramp_after_s: length of
-    the stream in s from which a rate ramp is searched, which takes long.
+    preferred: asked for the other rates that the tracks fit better. ramp_after_s: length of the stream in s from which
+    a rate ramp is searched, which takes long.
     """
     if options.rate.method == "fourier":
         with watch.stage("spin_rate"):
@@ -56,8 +59,10 @@ def rate_hypotheses(
         yield _without_period(activity, options, watch, ramp_after_s)
         return
     yield RateHypothesis("period", rate)
-    for slower in _multiples(rate, thorough):
-        yield RateHypothesis("multiple", slower)
+    equal = Harmonic(rate.rate_hz, rate.correlation, 0.0)
+    for rate_hz in preferred(rate):
+        harmonics = (equal, *(h for h in rate.harmonics if abs(h.rate_hz / rate_hz - 1) > 1e-6))
+        yield RateHypothesis("multiple", replace(rate, rate_hz=rate_hz, harmonics=harmonics))
     with suppress(BackendError):  # a constant rate is no ramp
         ramp = _ramp(activity, options, watch, ramp_after_s)
         if abs(ramp.slope) >= options.verdict.rate_slope_z * ramp.slope_std:
@@ -79,15 +84,3 @@ def _ramp(activity: Activity, options: BackendOptions, watch: Stopwatch, ramp_af
         raise BackendError("no rate ramp was searched")
     with watch.stage("spin_rate"):
         return find_rate_ramp(activity, options.rate)
-
-
-def _multiples(rate: SpinRate, thorough: bool) -> list[SpinRate]:
-    """Multiples of a period, those first that the stream has shown; the others are tried in a thorough search alone.
-
-    An object that is symmetric about its axis looks the same after part of a revolution, and only its tracks know how
-    many such parts make one: as many as the most of them follow.
-    """
-    shown = [h.rate_hz for h in rate.harmonics if h.rate_hz < rate.rate_hz]
-    others = [rate.rate_hz / k for k in range(2, LARGEST_HARMONIC + 1)] if thorough else []
-    equal = Harmonic(rate.rate_hz, rate.correlation, 0.0)
-    return [replace(rate, rate_hz=slower, harmonics=(equal, *rate.harmonics)) for slower in (*shown, *others)]

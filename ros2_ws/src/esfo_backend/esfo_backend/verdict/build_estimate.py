@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import GraphOptimum
 from esfo_backend.initialise.initialisation import Initialisation
+from esfo_backend.initialise.rate_evidence import RateComparison
 from esfo_backend.landmarks.landmarks import Landmarks, reobservable_points, reobserved_points
 from esfo_backend.landmarks.reidentification import point_rms
-from esfo_backend.options import BackendOptions
+from esfo_backend.options import BackendOptions, VerdictOptions
 from esfo_backend.orbit.parametrization import spin_and_points
 from esfo_backend.orbit.projection import row_errors
 from esfo_backend.spin_rate.correlation import SpinRate
@@ -155,3 +157,31 @@ def _alternatives(rate: SpinRate, initialisation: Initialisation) -> tuple[Alter
             )
         )
     return tuple(found)
+
+
+def with_comparisons(
+    estimate: OrbitEstimate, comparisons: Sequence[RateComparison], options: VerdictOptions
+) -> OrbitEstimate:
+    """Return the estimate with the other rates that the tracks were compared at.
+
+    A rate that the tracks do not prefer to each of them by `options.rate_z` is not certain: the estimate becomes
+    degenerate, with the others among its alternatives.
+    """
+    close = [c for c in comparisons if c.z < options.rate_z]
+    if not close or estimate.spin is None:
+        return estimate
+    known = {round(a.rate_hz, 9) for a in estimate.alternatives}
+    added = [Alternative("harmonic", c.rate_hz, np.zeros(3), c.cost_ratio) for c in close]
+    flags = estimate.flags if "harmonic_ambiguous" in estimate.flags else (*estimate.flags, "harmonic_ambiguous")
+    nearest = min(close, key=lambda c: c.z)
+    reason = (
+        f"the tracks do not tell {estimate.rate_hz:.5g} Hz from {nearest.rate_hz:.5g} Hz: they fit the one better by "
+        f"{nearest.z:.1f} standard errors, {options.rate_z:g} are needed"
+    )
+    return replace(
+        estimate,
+        status="degenerate",
+        flags=flags,
+        reason=estimate.reason or reason,
+        alternatives=(*estimate.alternatives, *(a for a in added if round(a.rate_hz, 9) not in known)),
+    )

@@ -21,6 +21,7 @@ from event_camera_msgs.msg import EventPacket
 
 from esfo_bringup.live.processes import NodeProcesses
 from esfo_bringup.replay.messages import packet_message
+from esfo_core.camera import SensorSize
 from esfo_core.events import EventArray
 from esfo_core.options import replace
 from esfo_core.recordings import open_recording
@@ -94,7 +95,7 @@ def stopwatches() -> Iterator[dict[str, float]]:
 
 def run(events: EventArray, size: Size, options: FrontendOptions) -> tuple[float, float, Frontend]:
     """Run a front-end over packets; return its CPU and wall seconds, and itself."""
-    frontend = Frontend(*size, options)
+    frontend = Frontend(SensorSize(*size), options)
     cpu, wall = time.process_time(), time.perf_counter()
     for packet in packets_of(events):
         frontend.process(packet)
@@ -123,7 +124,7 @@ def peak_of(events: int, spacing: int, queue: multiprocessing.Queue[tuple[int, f
     """Run the default on a generated stream in this process; report its tracks, Mev per CPU second and peak memory."""
     size = (1280, 720)
     warm_up(PRESETS["default"])
-    frontend = Frontend(*size)
+    frontend = Frontend(SensorSize(*size))
     spent, made = 0.0, 0
     # The same second over and over, later each time, so that the stream itself takes no memory.
     stream = moving_rectangles(size, 4e6, min(events, 4_000_000), spacing)

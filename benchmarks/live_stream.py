@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from esfo_core.camera import SensorSize
 from esfo_core.codecs import decoder, encoder
 from esfo_core.events import EventArray
 from esfo_core.packets import EVENT_PACKET, Packet, packet_from_cdr, sequence_of
@@ -93,7 +94,7 @@ def live(messages: list[bytes]) -> None:
 
 def alone(parts: list[EventArray], size: tuple[int, int]) -> None:
     """Run the front-end on the same events, decoded before."""
-    frontend = Frontend(*size, OPTIONS)
+    frontend = Frontend(SensorSize(*size), OPTIONS)
     for part in parts:
         frontend.process(part)
     frontend.flush()

@@ -29,7 +29,7 @@ def cpu(work: Callable[[], object]) -> float:
 
 def front_end(events: EventArray, camera: Camera, preset: str) -> tuple[Frontend, Backend, float]:
     """Run the front-end in packets of 10 ms; return it, a back-end with its output, and the CPU seconds."""
-    frontend = Frontend(camera.width, camera.height, FRONTEND_PRESETS[preset])
+    frontend = Frontend(camera, FRONTEND_PRESETS[preset])
     backend = Backend(camera, BACKEND_PRESETS[preset])
     edges = np.arange(events["t"][0], events["t"][-1] + 10_000_000, 10_000_000)
     packets = np.split(events, np.searchsorted(events["t"], edges[1:]))

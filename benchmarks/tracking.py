@@ -108,7 +108,7 @@ def row(*cells: object) -> None:
 
 def track(events: EventArray, camera: Camera, options: FrontendOptions) -> Run:
     """Run the front-end in packets of 1 ms."""
-    frontend = Frontend(camera.width, camera.height, options)
+    frontend = Frontend(camera, options)
     edges = np.arange(events["t"][0], events["t"][-1], PACKET_NS)[1:]
     packets = np.split(events, np.searchsorted(events["t"], edges))
     tracks, delays = [], []

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from esfo_core.activity import Activity
+from esfo_core.camera import SensorSize
 from esfo_core.errors import OptionError
 from esfo_core.events import empty_events, make_events
 from esfo_core.options import fields_of, replace
@@ -20,6 +21,7 @@ from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import PRESETS, FrontendOptions
 
 MS = 1_000_000
+SIZE = SensorSize(64, 48)
 
 
 def run(frontend, packets):
@@ -35,7 +37,7 @@ def same_bits(a, b):
 
 
 def test_tracks_follow_the_corners_of_the_squares(scene):
-    outputs, tracks = run(Frontend(scene.width, scene.height), [scene.events])
+    outputs, tracks = run(Frontend(scene), [scene.events])
     offset = tracks.uv[:, None] - scene.corners_at(tracks.t)
     distance = np.linalg.norm(offset, axis=2)
     # An event is a corner when the corner lies within eFAST's outer circle of 4 px: rows may be so far behind it.
@@ -66,10 +68,10 @@ def test_packets_do_not_matter(scene, preset):
     }
     results = {}
     for name, packets in cuts.items():
-        frontend = Frontend(scene.width, scene.height, PRESETS[preset])
+        frontend = Frontend(scene, PRESETS[preset])
         outputs, tracks = run(frontend, packets)
         activity = Activity.concatenate(o.activity for o in outputs if o.activity is not None)
-        clusters = [np.concatenate([getattr(o.clusters, k) for o in outputs]) for k in ("x", "y", "t", "cluster_id")]
+        clusters = [np.concatenate([getattr(o.corners, k) for o in outputs]) for k in ("x", "y", "t", "label")]
         results[name] = tracks, activity, clusters, frontend.statistics
     tracks, activity, clusters, statistics = results["one"]
     assert len(tracks) > 20
@@ -97,16 +99,16 @@ def test_the_paper_preset_is_its_stages_one_after_the_other(scene):
         settled.append(clusterer.add_slice(density.filter_until(end)[0], end))
     settled.append(clusterer.finish())
     expected = Tracks.concatenate(windows.add(joiner.add(s)).observations for s in settled)
-    _, tracks = run(Frontend(scene.width, scene.height, options), np.array_split(events, 7))
+    _, tracks = run(Frontend(scene, options), np.array_split(events, 7))
     assert len(expected) > 20
     assert same_bits(tracks, expected)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_statistics_add_up(scene, preset):
-    frontend = Frontend(scene.width, scene.height, PRESETS[preset])
+    frontend = Frontend(scene, PRESETS[preset])
     outputs, tracks = run(frontend, [scene.events])
-    labels = np.concatenate([o.clusters.cluster_id for o in outputs])
+    labels = np.concatenate([o.corners.label for o in outputs])
     s = frontend.statistics
     assert s.events == len(scene.events)
     assert s.corners >= s.kept == len(labels)
@@ -117,14 +119,14 @@ def test_statistics_add_up(scene, preset):
 
 
 def test_columns_have_the_types_of_the_messages(scene):
-    c = Frontend(scene.width, scene.height).process(scene.events).clusters
-    types = [a.dtype for a in (c.x, c.y, c.polarity, c.t, c.cluster_id)]
+    c = Frontend(scene).process(scene.events).corners
+    types = [a.dtype for a in (c.x, c.y, c.polarity, c.t, c.label)]
     assert types == [np.uint16, np.uint16, np.uint8, np.int64, np.int32]
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_ids_never_come_back_and_rows_end_with_their_track(scene, preset):
-    frontend = Frontend(scene.width, scene.height, PRESETS[preset])
+    frontend = Frontend(scene, PRESETS[preset])
     ended, rows_after_end = set(), 0
     for _ in range(3):
         for packet in np.array_split(scene.events, 20):
@@ -140,7 +142,7 @@ def test_ids_never_come_back_and_rows_end_with_their_track(scene, preset):
 
 
 def test_a_new_stream_equals_a_first_one(scene):
-    frontend = Frontend(scene.width, scene.height)
+    frontend = Frontend(scene)
     _, first = run(frontend, [scene.events])
     _, second = run(frontend, [scene.events])
     shift = second.track_id - first.track_id
@@ -150,7 +152,7 @@ def test_a_new_stream_equals_a_first_one(scene):
 
 
 def test_activity_of_streams_that_follow_one_another_fits_together(scene):
-    frontend = Frontend(scene.width, scene.height)
+    frontend = Frontend(scene)
     outputs = []
     for packet in np.split(scene.events, [5000, 11_000, 20_000]):
         outputs += run(frontend, [packet])[0]
@@ -162,7 +164,7 @@ def test_a_long_pause_costs_nothing_and_ends_tracks(scene):
     year = 365 * 86_400 * 1_000_000_000
     later = scene.events.copy()
     later["t"] += year
-    frontend = Frontend(scene.width, scene.height)
+    frontend = Frontend(scene)
     outputs = [frontend.process(np.concatenate([scene.events, later])), frontend.flush()]
     tracks = Tracks.concatenate(o.tracks.observations for o in outputs)
     before, after = tracks.t < year, tracks.t >= year
@@ -173,14 +175,14 @@ def test_a_long_pause_costs_nothing_and_ends_tracks(scene):
 
 
 def test_nothing_comes_of_nothing():
-    frontend = Frontend(64, 48)
+    frontend = Frontend(SIZE)
     for output in (frontend.flush(), frontend.process(empty_events()), frontend.flush()):
-        assert len(output.clusters) == len(output.tracks.observations) == len(output.tracks.ended) == 0
+        assert len(output.corners) == len(output.tracks.observations) == len(output.tracks.ended) == 0
         assert output.activity is None
 
 
 def test_single_event():
-    frontend = Frontend(64, 48)
+    frontend = Frontend(SIZE)
     assert frontend.process(make_events(*np.array([[5], [6], [1], [12345]]))).activity is None
     activity = frontend.flush().activity
     assert (activity.t0, activity.counts.sum()) == (12345, 1)
@@ -200,7 +202,7 @@ def test_single_event():
 )
 def test_wrong_events_are_refused_and_change_nothing(rows, word):
     good = make_events(*np.array([[1, 2], [1, 2], [1, 0], [0, 50]]))
-    frontend = Frontend(64, 48)
+    frontend = Frontend(SIZE)
     frontend.process(good)
     with pytest.raises(FrontendError, match=word):
         frontend.process(make_events(*np.array(rows).T))
@@ -210,14 +212,14 @@ def test_wrong_events_are_refused_and_change_nothing(rows, word):
 
 
 def test_time_may_go_back_after_a_flush():
-    frontend = Frontend(64, 48)
+    frontend = Frontend(SIZE)
     run(frontend, [make_events(*np.array([[1], [1], [1], [10**12]]))])
     outputs, _ = run(frontend, [make_events(*np.array([[1], [1], [1], [7]]))])
     assert outputs[-1].activity.t0 == 7
 
 
 def test_memory_does_not_grow_with_the_stream(scene):
-    frontend = Frontend(scene.width, scene.height)
+    frontend = Frontend(scene)
     size = []
     for k in range(5):
         events = scene.events.copy()
@@ -238,12 +240,12 @@ def test_memory_does_not_grow_with_the_stream(scene):
 )
 def test_contradicting_options_are_refused(values):
     with pytest.raises(OptionError, match=next(iter(values))):
-        Frontend(64, 48, replace(FrontendOptions(), values))
+        Frontend(SIZE, replace(FrontendOptions(), values))
 
 
 def test_presets_are_within_their_ranges_and_paper_is_table_2():
     for options in PRESETS.values():
-        Frontend(64, 48, options)
+        Frontend(SIZE, options)
     paper = {leaf.name: leaf.value for leaf in fields_of(PRESETS["paper"])}
     table = {"density.radius": 7, "clusters.min_size": 10, "clusters.epsilon": 5, "join.radius": 30}
     table |= {"join.descriptor_size": 5, "tracks.window": 30}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from esfo_core.camera import SensorSize
 from esfo_core.codecs import encode_mono
 from esfo_core.events import empty_events, make_events
 from esfo_core.packets import Packet
@@ -59,7 +60,7 @@ def live():
 def test_packets_give_what_the_events_give(live):
     events = scene()
     outputs = feed(live, packets(events)) + list(live.flush())
-    frontend = Frontend(*SIZE, PRESETS["default"])
+    frontend = Frontend(SensorSize(*SIZE), PRESETS["default"])
     expected = rows([frontend.process(events), frontend.flush()])
     assert len(expected) > 20
     assert rows(outputs).uv.tobytes() == expected.uv.tobytes()
@@ -148,7 +149,7 @@ def test_an_empty_flush_gives_nothing(live):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_warm_up_scene_reaches_every_stage(preset):
-    frontend = Frontend(*SIZE, PRESETS[preset])
+    frontend = Frontend(SensorSize(*SIZE), PRESETS[preset])
     frontend.process(drifting_squares(0.3))
     frontend.flush()
     counts = frontend.statistics

@@ -23,7 +23,7 @@ from esfo_core.orbit import Spin, angle_between, rotation, tangent_basis
 from esfo_core.packets import EVENT_PACKET, packet_from_cdr
 from esfo_core.recordings.messages import camera_from_info
 from esfo_core.tracks import Tracks, TrackUpdate
-from esfo_frontend.clustering.chunk_clusterer import Clusters
+from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_frontend.ros import messages as frontend
 from esfo_ros.time_stamps import from_stamp, to_stamp
 
@@ -129,12 +129,13 @@ def test_activity_that_does_not_fit_its_grid_is_refused(changes):
         backend.activity_from(msg.EventActivity(**{**good, **changes}))
 
 
-def test_clusters_keep_their_columns():
+def test_labelled_corners_keep_their_columns():
     corners = make_events([1, 2, 65535], [3, 4, 5], [0, 1, 1], [10, 20, 2**60])
-    clusters = Clusters.from_corners(corners, np.array([-1, 5, 2**31 - 1]))
-    arrived = serialised(frontend.clusters_message(clusters, HEADER))
-    for name in ("x", "y", "polarity", "t", "cluster_id"):
-        assert list(getattr(arrived, name)) == getattr(clusters, name).tolist()
+    labelled = LabelledCorners.from_events(corners, np.array([-1, 5, 2**31 - 1]))
+    arrived = serialised(frontend.corners_message(labelled, HEADER))
+    for name in ("x", "y", "polarity", "t"):
+        assert list(getattr(arrived, name)) == getattr(labelled, name).tolist()
+    assert list(arrived.cluster_id) == labelled.label.tolist()
 
 
 def test_packets_decode_to_the_events_they_were_made_of():

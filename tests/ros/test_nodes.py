@@ -30,7 +30,7 @@ REPLAYED = ["-p", "use_sim_time:=true", "-p", "wait_for_back_end:=true", "-p", "
 
 def offline(path):
     recording = open_recording(path)
-    frontend, backend = Frontend(recording.width, recording.height), Backend(recording.camera)
+    frontend, backend = Frontend(recording), Backend(recording.camera)
     outputs = [frontend.process(chunk) for chunk in recording.chunks()]
     for output in [*outputs, frontend.flush()]:
         backend.add(output.tracks, output.activity)

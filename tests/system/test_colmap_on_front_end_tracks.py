@@ -13,7 +13,7 @@ from esfo_simulation.scene import SceneOptions, simulate
 
 def test_colmap_leads_to_the_truth():
     scene = simulate(SceneOptions(revolutions=1.0))
-    frontend = Frontend(scene.camera.width, scene.camera.height)
+    frontend = Frontend(scene.camera)
     outputs = [frontend.process(events) for events in scene.chunks()] + [frontend.flush()]
     tracks = Tracks.concatenate(output.tracks.observations for output in outputs)
     start = run_colmap(tracks, scene.camera, InitialisationOptions())

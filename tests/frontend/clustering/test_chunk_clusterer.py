@@ -42,8 +42,8 @@ def run(corners, slice_ms, options, finish=True):
 def test_clusters_go_on_through_many_chunks():
     corners, line = lines(400)
     steps = run(corners, 30, ClusterOptions(chunk=40, shared=10))
-    labels = np.concatenate([s.clusters.cluster_id for s in steps])
-    assert np.array_equal(np.concatenate([s.clusters.t for s in steps]), corners["t"])  # each corner once, in order
+    labels = np.concatenate([s.corners.label for s in steps])
+    assert np.array_equal(np.concatenate([s.corners.t for s in steps]), corners["t"])  # each corner once, in order
     for k in range(3):
         of_line = labels[line == k]
         assert (of_line == NOISE).mean() < 0.05
@@ -58,11 +58,11 @@ def test_settled_corners_and_open_clusters_keep_their_promises():
     corners, _ = lines(200, noise=200)
     steps = run(corners, 30, ClusterOptions(chunk=40, shared=10))
     for before, after in itertools.pairwise(steps):
-        assert (before.clusters.t < before.settled).all()
-        assert (after.clusters.t >= before.settled).all()
+        assert (before.corners.t < before.settled).all()
+        assert (after.corners.t >= before.settled).all()
     for i, step in enumerate(steps):
-        later = set(np.concatenate([s.clusters.cluster_id for s in steps[i + 1 :]] or [[]]).tolist())
-        earlier = set(np.concatenate([s.clusters.cluster_id for s in steps[: i + 1]]).tolist())
+        later = set(np.concatenate([s.corners.label for s in steps[i + 1 :]] or [[]]).tolist())
+        earlier = set(np.concatenate([s.corners.label for s in steps[: i + 1]]).tolist())
         assert (later & earlier) - {NOISE} <= step.open_ids
 
 
@@ -74,8 +74,8 @@ def test_labels_change_over_in_the_middle_of_the_shared_part():
     # Up to 30 ms the labels are those of the first chunk alone, from there to 70 ms those of 20 to 80 ms.
     for step, (start, end) in zip(steps, [(0, 40), (20, 80)], strict=False):
         chunk = corners[(corners["t"] >= start * MS) & (corners["t"] < end * MS)]
-        alone = cluster(chunk, 300.0, options)[np.isin(chunk["t"], step.clusters.t)]
-        pairs = set(zip(alone.tolist(), step.clusters.cluster_id.tolist(), strict=True))
+        alone = cluster(chunk, 300.0, options)[np.isin(chunk["t"], step.corners.t)]
+        pairs = set(zip(alone.tolist(), step.corners.label.tolist(), strict=True))
         assert len(pairs) == len({a for a, _ in pairs}) == len({b for _, b in pairs}) > 2
 
 

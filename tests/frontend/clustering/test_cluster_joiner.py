@@ -3,8 +3,9 @@
 import numpy as np
 
 from esfo_core.events import make_events
-from esfo_frontend.clustering.chunk_clusterer import Clusters, SettledClusters
+from esfo_frontend.clustering.chunk_clusterer import SettledClusters
 from esfo_frontend.clustering.cluster_joiner import ClusterJoiner
+from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_frontend.options import JoinOptions
 
 MS = 1_000_000
@@ -22,7 +23,10 @@ def settled(blobs, until=END, open_ids=(), known=None):
     ids = np.concatenate([np.full(len(b), i) for b, i in blobs])
     order = np.argsort(corners["t"], kind="stable")
     return SettledClusters(
-        Clusters.from_corners(corners[order], ids[order]), until, frozenset(open_ids), until if known is None else known
+        LabelledCorners.from_events(corners[order], ids[order]),
+        until,
+        frozenset(open_ids),
+        until if known is None else known,
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from esfo_core.camera import SensorSize
 from esfo_core.codecs import decoder, encode_mono, encoder
 from esfo_core.errors import OptionError
 from esfo_core.events import EVENT_DTYPE
@@ -59,7 +60,7 @@ def rows(outputs):
 
 
 def tracked(events, options=OPTIONS):
-    frontend = Frontend(WIDTH, HEIGHT, options)
+    frontend = Frontend(SensorSize(WIDTH, HEIGHT), options)
     return rows([frontend.process(events), frontend.flush()])
 
 

@@ -20,7 +20,7 @@ BAGS = Path(__file__).resolve().parents[4] / "shared" / "data" / "ros_bags"
 
 def columns(outputs):
     """Corners with their places, times and tracks, and the places of the rows of tracks."""
-    corners = [np.concatenate([getattr(o.clusters, name) for o in outputs]) for name in ("x", "y", "t", "cluster_id")]
+    corners = [np.concatenate([getattr(o.corners, name) for o in outputs]) for name in ("x", "y", "t", "label")]
     return [*corners, np.concatenate([o.tracks.observations.uv for o in outputs])]
 
 
@@ -34,7 +34,7 @@ def test_messages_of_a_camera(name):
         messages = [(c.msgtype, bytes(data)) for c, _, data in reader.messages(connections=topics)]
     recording = open_recording(path)
     chunks = list(recording.chunks())
-    frontend = Frontend(recording.width, recording.height, PRESETS["default"])
+    frontend = Frontend(recording, PRESETS["default"])
     expected = columns([*map(frontend.process, chunks), frontend.flush()])
     live, outputs, differences, offsets, times = LiveFrontend(PRESETS["default"]), [], [], [], []
     for kind, data in messages:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import yaml
@@ -15,6 +15,25 @@ from numpy.typing import NDArray
 from esfo_core.errors import CameraError
 
 _COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+
+
+class HasSize(Protocol):
+    """Anything that tells the width and height of a sensor in px: a camera, a recording, a `SensorSize`."""
+
+    @property
+    def width(self) -> int:
+        """Columns of pixels."""
+
+    @property
+    def height(self) -> int:
+        """Rows of pixels."""
+
+
+class SensorSize(NamedTuple):
+    """Width and height of a sensor in px, where its camera is not known."""
+
+    width: int
+    height: int
 
 
 @dataclass(frozen=True)

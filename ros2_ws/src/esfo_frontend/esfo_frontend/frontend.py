@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from esfo_core.activity import Activity
-from esfo_core.events import NS_PER_S, EventArray
+from esfo_core.camera import HasSize
+from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
-from esfo_frontend.clustering.chunk_clusterer import Clusters
 from esfo_frontend.errors import FrontendError
+from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_frontend.options import FrontendOptions, check_for_sensor, nanoseconds
 from esfo_frontend.trackers import PIPELINES, Parts, Pipeline, Statistics, StreamStart
 
@@ -20,12 +22,12 @@ from esfo_frontend.trackers import PIPELINES, Parts, Pipeline, Statistics, Strea
 class FrontendOutput:
     """What the events of one call settled.
 
-    clusters: corners that passed the density filter, with final cluster ids, in order of time; with association all
-    corners, with the tracks that they went to, -1 as long as those had no row.
+    corners: in order of time. With the paper's stages, those that passed the density filter, with their final clusters;
+    with association all corners, with their tracks, NO_LABEL as long as a track has no row.
     tracks: new rows and the tracks that ended. activity: bins completed, None when there was none.
     """
 
-    clusters: Clusters
+    corners: LabelledCorners
     tracks: TrackUpdate
     activity: Activity | None
 
@@ -41,22 +43,24 @@ class Frontend:
 
     def __init__(
         self,
-        width: int,
-        height: int,
-        options: FrontendOptions = FrontendOptions(),  # noqa: B008
+        sensor: HasSize,
+        options: FrontendOptions | None = None,
         first_ids: tuple[int, int] = (0, 0),
     ) -> None:
-        """Prepare for a sensor of width x height px; first_ids: of the first cluster and the first track.
+        """Prepare for the events of a sensor.
+
+        sensor: its camera, a recording of it, or its `SensorSize` alone. first_ids: ids of the first cluster and track.
 
         Raises OptionError for options that are impossible, or for this sensor.
         """
-        check_for_sensor(options, width, height)
-        self._size, self._options = (int(width), int(height)), options
+        self._size = (int(sensor.width), int(sensor.height))
+        self._options = options or FrontendOptions()
+        check_for_sensor(self._options, *self._size)
         self._stream: Pipeline | None = None
         self._next_ids = first_ids
         self._last_t: int | None = None
         self._activity_origin = self._activity_end = 0
-        self._activity_options = options.activity
+        self._activity_options = self._options.activity
         self.statistics = Statistics()
 
     @property
@@ -88,6 +92,16 @@ class Frontend:
             self._last_t = int(events["t"][n - 1])
             events = events[n:]
         return self._output(parts)
+
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[tuple[EventArray, FrontendOutput]]:
+        """Process a whole stream, chunk by chunk, and end it.
+
+        Yields each chunk with what it settles, then an empty one with what was pending. Raises FrontendError as
+        `process`.
+        """
+        for events in chunks:
+            yield events, self.process(events)
+        yield empty_events(), self.flush()
 
     def flush(self) -> FrontendOutput:
         """End the stream: settle everything pending and end every track.
@@ -143,4 +157,4 @@ class Frontend:
         activity = self._stream.activity.take() if self._stream else None
         observations = Tracks.concatenate(u.observations for u in parts.updates)
         ended = np.sort(np.concatenate([np.empty(0, np.uint32), *(u.ended for u in parts.updates)]))
-        return FrontendOutput(Clusters.concatenate(parts.clusters), TrackUpdate(observations, ended), activity)
+        return FrontendOutput(LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity)

@@ -11,11 +11,12 @@ from esfo_core.events import EventArray, empty_events
 from esfo_core.tracks import TrackUpdate
 from esfo_frontend.activity import ActivityCounter
 from esfo_frontend.association.corner_association import CornerAssociation
-from esfo_frontend.clustering.chunk_clusterer import NOISE, ChunkClusterer, Clusters, SettledClusters
+from esfo_frontend.clustering.chunk_clusterer import ChunkClusterer, SettledClusters
 from esfo_frontend.clustering.cluster_joiner import ClusterJoiner
 from esfo_frontend.clustering.density_filter import DensityFilter
 from esfo_frontend.clustering.track_windows import TrackWindows
 from esfo_frontend.corners.detector import CornerDetector
+from esfo_frontend.labelled_corners import NO_LABEL, LabelledCorners
 from esfo_frontend.options import FrontendOptions, nanoseconds
 
 
@@ -44,7 +45,7 @@ class Parts:
     """Results of the slices worked on in one call."""
 
     def __init__(self) -> None:
-        self.clusters: list[Clusters] = []
+        self.corners: list[LabelledCorners] = []
         self.updates: list[TrackUpdate] = []
 
 
@@ -129,10 +130,10 @@ class Pipeline(ABC):
         self._work(self._slice_end, parts)
         self._next_slice += 1
 
-    def _give(self, clusters: Clusters, update: TrackUpdate, parts: Parts) -> None:
-        parts.clusters.append(clusters)
+    def _give(self, corners: LabelledCorners, update: TrackUpdate, parts: Parts) -> None:
+        parts.corners.append(corners)
         parts.updates.append(update)
-        self._statistics.clustered += int((clusters.cluster_id != NOISE).sum())
+        self._statistics.clustered += int((corners.label != NO_LABEL).sum())
         self._statistics.rows += len(update.observations)
 
 
@@ -177,7 +178,7 @@ class ClusterPipeline(Pipeline):
 
     def _track(self, settled: SettledClusters, parts: Parts) -> None:
         dropped, begun = self._windows.dropped, self._windows.begun
-        self._give(settled.clusters, self._windows.add(self._joiner.add(settled)), parts)
+        self._give(settled.corners, self._windows.add(self._joiner.add(settled)), parts)
         self._statistics.windows_dropped += self._windows.dropped - dropped
         self._statistics.tracks += self._windows.begun - begun
 
@@ -199,7 +200,7 @@ class AssociationPipeline(Pipeline):
 
     @property
     def next_ids(self) -> tuple[int, int]:
-        """As in `Pipeline`; here the cluster of a corner is its track."""
+        """As in `Pipeline`; no cluster is made here."""
         return self._first_cluster, self._association.next_id
 
     def finish(self, parts: Parts) -> None:
@@ -219,7 +220,7 @@ class AssociationPipeline(Pipeline):
         self._statistics.kept += len(corners)
         self._statistics.tracks += self._association.next_id - before
         self._statistics.speed_px_s = self._association.speed
-        self._give(Clusters.from_corners(corners, label), update, parts)
+        self._give(LabelledCorners.from_events(corners, label), update, parts)
 
 
 PIPELINES: dict[str, type[ClusterPipeline] | type[AssociationPipeline]] = {

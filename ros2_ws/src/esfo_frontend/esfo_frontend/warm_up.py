@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from esfo_core.camera import SensorSize
 from esfo_core.events import NS_PER_S, EventArray, make_events
 from esfo_frontend.frontend import Frontend
 from esfo_frontend.options import FrontendOptions
@@ -13,7 +14,7 @@ WIDTH, HEIGHT = 160, 120
 
 def warm_up(options: FrontendOptions) -> None:
     """Run the front-end on a small scene with corners, clusters and tracks, so that compiling costs no live packet."""
-    frontend = Frontend(WIDTH, HEIGHT, options)
+    frontend = Frontend(SensorSize(WIDTH, HEIGHT), options)
     frontend.process(drifting_squares(duration_s=0.3))
     frontend.flush()
 

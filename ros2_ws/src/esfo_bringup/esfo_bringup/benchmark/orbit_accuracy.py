@@ -142,10 +142,9 @@ def open_scene(path: Path) -> TrueScene:
 
 def track(chunks: Iterable[EventArray], camera: Camera, options: FrontendOptions | None = None) -> TrackedScene:
     """Run the front-end over events. Raises CommandError where there is none."""
-    frontend = Frontend(camera.width, camera.height, options or FrontendOptions())
+    frontend = Frontend(camera, options)
     begin = time.process_time()
-    outputs = [frontend.process(events) for events in chunks]
-    outputs.append(frontend.flush())
+    outputs = [output for _, output in frontend.run(chunks)]
     seconds = time.process_time() - begin
     activity = [output.activity for output in outputs if output.activity is not None]
     if not activity:

@@ -65,7 +65,7 @@ def measure_throughput(recording: Recording, options: FrontendOptions) -> Throug
     warm_up(options)
     next(recording.chunks(), None)  # compiles the decoder; what is measured begins anew
     detector = CornerDetector(recording.width, recording.height, options.corners)
-    frontend = Frontend(recording.width, recording.height, options)
+    frontend = Frontend(recording, options)
     found = Throughput(str(recording.path))
     first, last = None, 0
     chunks = follow(recording, recording.chunks(), "measuring")

@@ -99,7 +99,7 @@ def measure_tracks(folder: Path, preset: str, options: FrontendOptions) -> Track
     Raises RecordingError and CameraError for files that are none of the dataset's.
     """
     recording = open_recording(folder / _EVENTS, None, ReadingOptions(width=SENSOR[0], height=SENSOR[1]))
-    frontend = Frontend(*SENSOR, options)
+    frontend = Frontend(recording, options)
     parts, seconds, begin, end = [], 0.0, None, 0
     for events in follow(recording, recording.chunks(), folder.name):
         begin, end = int(events["t"][0]) if begin is None else begin, int(events["t"][-1])

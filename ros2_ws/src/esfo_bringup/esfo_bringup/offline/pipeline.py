@@ -16,7 +16,7 @@ from esfo_bringup.settings import RunSettings
 from esfo_core.camera import Camera
 from esfo_core.errors import RecordingError
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.events import EventArray, empty_events
+from esfo_core.events import EventArray
 from esfo_core.recordings import Recording
 from esfo_core.tracks import Tracks
 from esfo_frontend.frontend import Frontend, FrontendOutput
@@ -53,7 +53,7 @@ def run_offline(
     without events for what was pending.
     """
     recording = source.recording
-    frontend = Frontend(recording.width, recording.height, settings.frontend)
+    frontend = Frontend(recording, settings.frontend)
     ready: Callable[[], Backend] = cache(lambda: make_backend(source.camera, settings.backend))
     tracks: list[Tracks] = []
     waiting: list[FrontendOutput] = []
@@ -81,21 +81,16 @@ def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:
 
 def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, Statistics]:
     """Track the whole recording and leave it at that. Raises RecordingError for a recording without events."""
-    frontend = Frontend(recording.width, recording.height, settings.frontend)
+    frontend = Frontend(recording, settings.frontend)
     tracks = Tracks.concatenate(output.tracks.observations for output in _outputs(frontend, recording))
     return tracks.sorted(), frontend.statistics
 
 
 def _outputs(frontend: Frontend, recording: Recording, listen: Listener | None = None) -> Iterator[FrontendOutput]:
     """Yield what the front-end makes of the recording, its end included."""
-    for events in follow(recording, recording.chunks(), "tracking"):
-        output = frontend.process(events)
+    for events, output in frontend.run(follow(recording, recording.chunks(), "tracking")):
+        if not frontend.statistics.events:
+            raise RecordingError(f"{recording.path}: no events")
         if listen is not None:
             listen(events, output)
         yield output
-    if not frontend.statistics.events:
-        raise RecordingError(f"{recording.path}: no events")
-    output = frontend.flush()
-    if listen is not None:
-        listen(empty_events(), output)
-    yield output

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from esfo_core.errors import EsfoError
 from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.options import option
@@ -49,11 +51,20 @@ def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:
             if shift:
                 chunk["t"] += shift
             first, last = int(chunk["t"][0]) if first is None else first, int(chunk["t"][-1])
-            for start in range(0, len(chunk), MAX_EVENTS):
-                yield chunk[start : start + MAX_EVENTS]
+            yield from cut(chunk, first)
         if not loop or first is None:
             return
         shift += last - first + PACKET_NS
+
+
+def cut(events: EventArray, first: int) -> Iterator[EventArray]:
+    """Cut events (N,), N > 0, into packets of up to `MAX_EVENTS`, on a grid of `PACKET_NS` from the time `first` ns on."""
+    t = events["t"]
+    start = int(t[0]) - (int(t[0]) - first) % PACKET_NS
+    borders = np.searchsorted(t, np.arange(start + PACKET_NS, int(t[-1]) + 1, PACKET_NS))
+    for piece in np.split(events, borders):
+        for k in range(0, len(piece), MAX_EVENTS):
+            yield piece[k : k + MAX_EVENTS]
 
 
 class Pace:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source
 from esfo_bringup.replay.messages import packet_message
-from esfo_bringup.replay.player import MAX_EVENTS, PACKET_NS, ReplayOptions
+from esfo_bringup.replay.player import ReplayOptions, cut
 from esfo_bringup.result_bag.frames import Frames
 from esfo_bringup.result_bag.message_bag import MessageBag
 from esfo_bringup.result_bag.messages import STREAM_TOPICS
@@ -71,17 +68,7 @@ class Recorder:
         self._frames.close()
 
     def _write_packets(self, events: EventArray, first: int) -> None:
-        for packet in _packets(events, first):
+        for packet in cut(events, first):
             message = packet_message(packet, self._packets, self._size, CAMERA_FRAME)
             self._bag.publish("events", int(packet["t"][-1]), message)
             self._packets += 1
-
-
-def _packets(events: EventArray, first: int) -> Iterator[EventArray]:
-    """Cut events (N,), N > 0, on the grid of the replay: every `PACKET_NS` from the first event of all."""
-    t = events["t"]
-    start = int(t[0]) - (int(t[0]) - first) % PACKET_NS
-    borders = np.searchsorted(t, np.arange(start + PACKET_NS, int(t[-1]) + 1, PACKET_NS))
-    for piece in np.split(events, borders):
-        for k in range(0, len(piece), MAX_EVENTS):
-            yield piece[k : k + MAX_EVENTS]

@@ -11,60 +11,21 @@ from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_frontend.clustering.hdbscan import condensed_tree, package
 from esfo_frontend.clustering.hdbscan.kd_tree import build_tree
 from esfo_frontend.clustering.hdbscan.spanning_tree import minimum_spanning_tree
+from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_frontend.options import ClusterOptions, nanoseconds
 
 NOISE = condensed_tree.NOISE
 
 
 @dataclass(frozen=True)
-class Clusters:
-    """Corners with the cluster each belongs to, in order of time.
-
-    x, y: (N,) uint16 px. polarity: (N,) uint8, 0 off, 1 on. t: (N,) int64 ns. cluster_id: (N,) int32, -1 noise.
-    """
-
-    x: NDArray[np.uint16]
-    y: NDArray[np.uint16]
-    polarity: NDArray[np.uint8]
-    t: NDArray[np.int64]
-    cluster_id: NDArray[np.int32]
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    @staticmethod
-    def from_corners(corners: EventArray, cluster_id: NDArray[np.integer]) -> Clusters:
-        """Build from corner events (N,) and their labels (N,)."""
-        return Clusters(
-            np.ascontiguousarray(corners["x"]),
-            np.ascontiguousarray(corners["y"]),
-            corners["p"].astype(np.uint8),
-            np.ascontiguousarray(corners["t"]),
-            cluster_id.astype(np.int32),
-        )
-
-    @staticmethod
-    def concatenate(parts: list[Clusters]) -> Clusters:
-        """Stack the columns of several tables in the order given."""
-        parts = [Clusters.from_corners(empty_events(), np.empty(0, np.int32)), *parts]
-        return Clusters(
-            np.concatenate([p.x for p in parts]),
-            np.concatenate([p.y for p in parts]),
-            np.concatenate([p.polarity for p in parts]),
-            np.concatenate([p.t for p in parts]),
-            np.concatenate([p.cluster_id for p in parts]),
-        )
-
-
-@dataclass(frozen=True)
 class SettledClusters:
     """What one chunk settles.
 
-    clusters: corners whose labels will not change any more. settled: ns; all corners before it have been given out.
+    corners: those whose labels will not change any more. settled: ns; all corners before it have been given out.
     open_ids: clusters that may get more corners. known: ns; every cluster that begins or ends before it is known.
     """
 
-    clusters: Clusters
+    corners: LabelledCorners
     settled: int
     open_ids: frozenset[int]
     known: int
@@ -105,15 +66,17 @@ class ChunkClusterer:
         keep = chunk["t"] >= end - self._shared
         self._corners, self._labels, self._settled = chunk[keep], labels[keep], settled
         open_ids = frozenset(self._labels[self._labels != NOISE].tolist())
-        return SettledClusters(Clusters.from_corners(chunk[new], labels[new]), settled, open_ids, end - self._shared)
+        return SettledClusters(
+            LabelledCorners.from_events(chunk[new], labels[new]), settled, open_ids, end - self._shared
+        )
 
     def finish(self) -> SettledClusters:
         """Give out the corners still held, with the labels of the last chunk; nothing stays open."""
         rest = self._corners["t"] >= self._settled
-        clusters = Clusters.from_corners(self._corners[rest], self._labels[rest])
+        corners = LabelledCorners.from_events(self._corners[rest], self._labels[rest])
         self._corners, self._labels = empty_events(), np.empty(0, np.int64)
         end = np.iinfo(np.int64).max
-        return SettledClusters(clusters, end, frozenset(), end)
+        return SettledClusters(corners, end, frozenset(), end)
 
     def _global_labels(self, local: NDArray[np.int64], before: NDArray[np.int64], shared: int) -> NDArray[np.int64]:
         """Turn labels of one chunk (N,) into labels of the stream; the first `shared` corners had labels `before`."""

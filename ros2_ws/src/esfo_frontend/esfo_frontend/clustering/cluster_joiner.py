@@ -87,11 +87,11 @@ class ClusterJoiner:
         return self._deliver(settled.settled, ended)
 
     def _collect(self, settled: SettledClusters) -> None:
-        c = settled.clusters
+        c = settled.corners
         corners = np.empty(len(c), empty_events().dtype)
         corners["x"], corners["y"], corners["p"], corners["t"] = c.x, c.y, c.polarity, c.t
-        order = np.argsort(c.cluster_id, kind="stable")
-        ids, first = np.unique(c.cluster_id[order], return_index=True)
+        order = np.argsort(c.label, kind="stable")
+        ids, first = np.unique(c.label[order], return_index=True)
         for id_, rows in zip(ids.tolist(), np.split(order, first[1:]), strict=False):
             if id_ != NOISE:
                 self._clusters.setdefault(id_, _Cluster(id_)).add(corners[rows], self._options.descriptor_size)

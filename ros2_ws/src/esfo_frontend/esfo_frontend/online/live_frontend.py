@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from esfo_core.camera import SensorSize
 from esfo_core.codecs import MAX_STEP_BACK, Decoder, decoder
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import NS_PER_S, EventArray, empty_events
@@ -170,7 +171,7 @@ class LiveFrontend:
         if self._frontend is None or (width, height) != self.size:
             if self._frontend is not None:
                 self._next_ids = self._frontend.next_ids
-            self._frontend = Frontend(width, height, self._wanted, self._next_ids)
+            self._frontend = Frontend(SensorSize(width, height), self._wanted, self._next_ids)
         elif self._wanted is not self._options:
             yield from self.flush()
             self._frontend.configure(self._wanted)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 
 @dataclass
@@ -49,17 +49,8 @@ class Health:
     @staticmethod
     def of(totals: LiveTotals, dropped: int, clock_jumps: int) -> Health:
         """Return the state that the totals have now."""
-        return Health(
-            events=totals.events,
-            dropped=dropped,
-            lost=totals.lost,
-            unreadable=totals.unreadable,
-            stale=totals.stale,
-            restarts=totals.restarts,
-            renumbered=totals.renumbered,
-            late=totals.late,
-            clock_jumps=clock_jumps,
-        )
+        counted = {field.name for field in fields(Health)} - {"dropped", "clock_jumps"}
+        return Health(dropped=dropped, clock_jumps=clock_jumps, **{name: getattr(totals, name) for name in counted})
 
     def problems_since(self, earlier: Health, latest_error: str) -> dict[str, str]:
         """Say what went wrong since `earlier`, one text for each kind."""

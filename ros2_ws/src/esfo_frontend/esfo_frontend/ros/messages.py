@@ -16,8 +16,8 @@ from esfo_core.activity import Activity
 from esfo_core.estimate import WITH_MOTION
 from esfo_core.orbit import Spin
 from esfo_core.tracks import TrackUpdate
-from esfo_frontend.clustering.chunk_clusterer import Clusters
 from esfo_frontend.frontend import FrontendOutput
+from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_ros.time_stamps import to_stamp
 
 BINS_PER_MESSAGE = 32
@@ -29,9 +29,9 @@ def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: st
     t: sensor time of the latest event, ns. offset_ns: host time minus sensor time.
     """
     rows = output.tracks.observations
-    if len(output.clusters):
-        header = header_at(int(output.clusters.t.max()) + offset_ns, frame_id)
-        yield "corner_clusters", clusters_message(output.clusters, header)
+    if len(output.corners):
+        header = header_at(int(output.corners.t.max()) + offset_ns, frame_id)
+        yield "corner_clusters", corners_message(output.corners, header)
     if len(rows) or len(output.tracks.ended):
         header = header_at((int(rows.t.max()) if len(rows) else t) + offset_ns, frame_id)
         yield "feature_tracks", tracks_message(output.tracks, header)
@@ -40,15 +40,15 @@ def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: st
             yield "event_activity", message
 
 
-def clusters_message(clusters: Clusters, header: Header) -> CornerClusters:
-    """Return corners with their clusters; the header has the time of the newest corner."""
+def corners_message(corners: LabelledCorners, header: Header) -> CornerClusters:
+    """Return corners with their labels in `cluster_id`; the header has the time of the newest corner."""
     return CornerClusters(
         header=header,
-        x=_flat("H", clusters.x),
-        y=_flat("H", clusters.y),
-        polarity=_flat("B", clusters.polarity),
-        t=_flat("q", clusters.t),
-        cluster_id=_flat("i", clusters.cluster_id),
+        x=_flat("H", corners.x),
+        y=_flat("H", corners.y),
+        polarity=_flat("B", corners.polarity),
+        t=_flat("q", corners.t),
+        cluster_id=_flat("i", corners.label),
     )
 
 

@@ -339,5 +339,5 @@ def test_a_calibration_is_taken_from_publishers_that_latch_and_that_do_not(durab
 def test_quality_of_service_can_be_overridden_and_a_mismatch_with_a_listener_is_named(listener, start):
     start(executable(*BACKEND), "--ros-args", "-p", "qos_overrides./points.publisher.reliability:=best_effort")
     listener.listen(PointCloud2, "points", 10)
-    says = "points does not reach listener: it is published best effort and asked for reliably"
+    says = "points does not reach listener: the publisher is best effort, the subscription requests reliable"
     listener.until(lambda: warned(listener, "/backend", says))

@@ -5,7 +5,7 @@ PACKAGE = "esfo_ros"
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="What the ROS nodes of event-based structure from orbit share",
+    description="Shared parts of the ROS nodes of event-based structure from orbit",
     license="Apache-2.0",
     maintainer="ESfO maintainers",
     maintainer_email="esfo-maintainers@users.noreply.github.com",

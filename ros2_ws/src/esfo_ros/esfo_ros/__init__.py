@@ -1,3 +1,3 @@
-"""What the ROS nodes of all packages share."""
+"""Shared parts of the ROS nodes: life cycle, connections, parameters, diagnostics, worker thread, entry point."""
 
 __version__ = "0.1.0"

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 def diagnostic_message(
     name: str, stamp: Time, problems: Mapping[str, str], values: Mapping[str, object]
 ) -> DiagnosticArray:
-    """Build a diagnostic message of one status: OK without problems, else a warning that says all of them."""
+    """Return a diagnostic message with one status: OK without problems, otherwise a warning that lists them."""
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if problems else DiagnosticStatus.OK,
         name=name,

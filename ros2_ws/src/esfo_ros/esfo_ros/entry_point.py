@@ -14,14 +14,14 @@ from esfo_core.errors import EsfoError
 
 
 def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> int:
-    """Make a node, drive it to its end and return the exit code of the process.
+    """Create a node, run `drive` on it and return the exit code of the process.
 
     0 after SIGINT, SIGTERM, a shutdown or when `drive` returns; 1, with one line on stderr, for an EsfoError in `make`,
-    in a callback or in what the node has as its `failure`. Any other exception is a bug: it keeps its traceback.
+    in a callback or in the node's `failure`. Any other exception is a bug and keeps its traceback.
     """
     node: Any = None
     try:
-        # Some libraries (pycolmap) answer SIGTERM with a stack trace; rclpy would still call such a handler.
+        # Some libraries (pycolmap) print a stack trace on SIGTERM, and rclpy would call their handler as well.
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         rclpy.init()
         node = make()
@@ -32,9 +32,9 @@ def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> i
         return _report(error)
     except Exception:
         if rclpy.ok():
-            raise  # otherwise a signal came while the node was being made
+            raise  # otherwise a signal arrived while the node was being created
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the orderly end
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the shutdown
         rclpy.try_shutdown()
         if hasattr(node, "close"):
             node.close()

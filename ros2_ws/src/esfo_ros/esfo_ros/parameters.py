@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 def parameter_descriptor(leaf: OptionField, read_only: bool) -> ParameterDescriptor:
     """Describe an option as a parameter, with its meaning and its range or choices."""
-    # Typed dynamically, so that `300` is taken where `300.0` is meant: rclpy would refuse it.
+    # Dynamic typing lets `300` stand for `300.0`, which rclpy would refuse otherwise.
     descriptor = ParameterDescriptor(
         description=leaf.meaning,
         read_only=read_only,
@@ -37,7 +37,7 @@ def parameter_descriptor(leaf: OptionField, read_only: bool) -> ParameterDescrip
 
 
 def declare_fields(node: Node, options: T, read_only: bool = True) -> T:
-    """Declare every field of an options dataclass as a parameter; return the options as they are set.
+    """Declare every field of an options dataclass as a parameter; return the options with the values that are set.
 
     Raises OptionError for a bad value.
     """
@@ -45,7 +45,7 @@ def declare_fields(node: Node, options: T, read_only: bool = True) -> T:
 
 
 def declare_options(node: Node, presets: Mapping[str, T], read_only: bool = True) -> T:
-    """Declare `preset` and every field of its options; fields that are not set have the value of the preset.
+    """Declare `preset` and every field of its options; a field that is not set has the value of the preset.
 
     Raises OptionError for an unknown preset or a bad value.
     """
@@ -67,14 +67,14 @@ def declare(node: Node, leaf: OptionField, read_only: bool) -> Any:
 
 
 def check_type(leaf: OptionField, value: object) -> None:
-    """Raise OptionError when a parameter has another type than its option; whole numbers serve as fractions too."""
+    """Raise OptionError when a parameter is not of the type of its option; an integer is accepted for a float."""
     allowed = (int, float) if isinstance(leaf.value, float) else (type(leaf.value),)
     if type(value) not in allowed:
         raise OptionError(f"parameter {leaf.name} takes {type(leaf.value).__name__}, got {value!r}")
 
 
 def with_values(options: T, values: Mapping[str, object]) -> T:
-    """Return options with the values of those parameters that are fields of them.
+    """Return options with the values of the parameters that are among their fields.
 
     Raises OptionError for a bad value.
     """

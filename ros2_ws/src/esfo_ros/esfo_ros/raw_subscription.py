@@ -1,7 +1,7 @@
-"""A thread that takes the messages of one subscription.
+"""A subscription whose messages are received in a separate thread.
 
-rclpy's executor looks at every entity of a node after each message, which costs about a millisecond of the interpreter
-that the work itself needs: with packets of 4 ms as much as the packet's own work. Here one subscription is waited for.
+rclpy's executor examines every entity of a node after each message. This takes about a millisecond of interpreter time,
+as much as the processing of a 4 ms packet. Here a thread waits for one subscription only.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ WAIT_NS = 500_000_000
 
 
 class NoExecutor(CallbackGroup):  # type: ignore[misc]
-    """Group of what no executor serves."""
+    """Callback group that no executor serves."""
 
     def can_execute(self, _entity: object) -> bool:
-        """Return false: nothing of this group is ever ready for an executor."""
+        """Return false: no entity of this group is ready for an executor."""
         return False
 
     def beginning_execution(self, _entity: object) -> bool:
@@ -34,9 +34,9 @@ class NoExecutor(CallbackGroup):  # type: ignore[misc]
 
 
 class RawSubscription:
-    """A raw subscription whose messages a thread of its own takes. topic_name: the full name of its topic.
+    """A subscription to serialised messages, with its own thread. topic_name: the full name of its topic.
 
-    The waiting is that of `rclpy.wait_for_message`, without a limit.
+    The thread waits as `rclpy.wait_for_message` does, without a time limit.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class RawSubscription:
     ) -> None:
         """Subscribe, and call `callback` with each serialised message, in the thread, until `close`.
 
-        on_error: called once, in the thread, with what the callback or the waiting raises; nothing is taken after it.
+        on_error: called once, in the thread, with the error of the callback or of the waiting, which ends the thread.
         """
         self._node, self._callback, self._on_error = node, callback, on_error
         self._subscription = node.create_subscription(
@@ -59,7 +59,7 @@ class RawSubscription:
     def close(self) -> None:
         """End the thread and the subscription."""
         self._closed = True
-        if self._node.context.ok():  # otherwise the thread ends by itself
+        if self._node.context.ok():  # otherwise the thread has ended
             self._wake.trigger()
         self._thread.join()
         self._node.destroy_subscription(self._subscription)
@@ -68,8 +68,8 @@ class RawSubscription:
     def _run(self) -> None:
         try:
             self._serve()
-        except BaseException as error:  # noqa: BLE001 - whoever started the thread decides what to do with it
-            if self._node.context.ok():  # otherwise it only waited while the node was being shut down
+        except BaseException as error:  # noqa: BLE001 - the owner of the thread handles it
+            if self._node.context.ok():  # otherwise the wait ended because the node was being shut down
                 self._on_error(error)
 
     def _serve(self) -> None:

@@ -1,4 +1,4 @@
-"""When to log what goes on and on."""
+"""When to log a problem that persists."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Reminder:
-    """Says when problems are worth a line: when one of another kind begins, and now and then while they last."""
+    """Decides when to log problems: when one of a new kind occurs, and every `repeat_s` seconds while they persist."""
 
     def __init__(self, repeat_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._repeat_s, self._clock = repeat_s, clock
@@ -15,7 +15,7 @@ class Reminder:
         self._when = 0.0
 
     def due(self, kinds: frozenset[str]) -> bool:
-        """Return whether these kinds of problems have to be told now; they then count as told."""
+        """Return whether to log now that problems of these kinds exist; if so, they count as logged."""
         now = self._clock()
         new, self._kinds = kinds - self._kinds, kinds
         if not kinds or not (new or now - self._when > self._repeat_s):

@@ -13,9 +13,10 @@ from std_srvs.srv import Trigger
 
 @dataclass(frozen=True)
 class Service:
-    """One service of a node, of type std_srvs/Trigger, and what it does.
+    """One service of a node, of type std_srvs/Trigger.
 
-    after_quiet: it waits until everything that is on the way has been worked on; otherwise it comes next.
+    meaning: what it does and answers. after_quiet: it is served after all messages that are queued or in transit;
+    otherwise before the next message.
     """
 
     name: str
@@ -26,9 +27,9 @@ class Service:
 def trigger(
     node: Node, submit: Callable[[], Future[str]]
 ) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:
-    """Return a service callback that answers with what `submit` promises, without holding up other callbacks.
+    """Return a service callback that answers with the result of `submit`, without blocking other callbacks.
 
-    An EsfoError is the answer of a call that did not succeed.
+    An EsfoError becomes the message of an unsuccessful response.
     """
 
     async def handle(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

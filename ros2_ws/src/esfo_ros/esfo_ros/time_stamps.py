@@ -1,4 +1,4 @@
-"""ROS time stamps and nanoseconds."""
+"""Conversion between ROS time stamps and nanoseconds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from esfo_core.events import NS_PER_S
 
 
 def to_stamp(ns: int) -> Time:
-    """Return nanoseconds as a ROS time. Raises EsfoError for a time that ROS cannot express."""
+    """Return nanoseconds as a ROS time. Raises EsfoError for a time that a ROS stamp cannot hold."""
     seconds, nanoseconds = divmod(ns, NS_PER_S)
     if not 0 <= seconds < 2**31:
         raise EsfoError(f"time {ns} ns does not fit a ROS time stamp")

@@ -1,4 +1,4 @@
-"""Topics of the nodes: type, quality of service, and why two ends do not connect."""
+"""Topics of the nodes: type, quality of service, and why a publisher and a subscription do not connect."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Topic:
 
 
 def reliable(depth: int) -> QoSProfile:
-    """Return the profile of a stream of which nothing may be lost."""
+    """Return the profile of a stream of which no message may be lost."""
     return QoSProfile(depth=depth)
 
 
 def latched() -> QoSProfile:
-    """Return the profile of a value whose latest message also reaches those that come later."""
+    """Return the profile of a value whose latest message is also sent to later subscribers."""
     return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def best_effort(depth: int) -> QoSProfile:
-    """Return the profile of a stream that matches every publisher, and of which some may be lost."""
+    """Return the profile of a stream that may lose messages; it matches every publisher."""
     return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
@@ -40,12 +40,12 @@ CAMERA_INFO = Topic("camera_info", CameraInfo, latched(), "calibration: K, disto
 
 
 def mismatch(publisher: QoSProfile, subscription: QoSProfile) -> str:
-    """Say why two ends of a topic do not connect; empty when they do.
+    """Return why a publisher and a subscription do not connect, an empty text where they do.
 
-    Nothing here asks for deadlines or liveliness, of which the graph reports other values than those that were set.
+    Deadline and liveliness are not compared: no node requests them, and the graph reports other values than those set.
     """
     if publisher.reliability == _BEST_EFFORT and subscription.reliability == ReliabilityPolicy.RELIABLE:
-        return "it is published best effort and asked for reliably"
+        return "the publisher is best effort, the subscription requests reliable"
     if publisher.durability == _VOLATILE and subscription.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-        return "it is published volatile and asked for transient local (latched)"
+        return "the publisher is volatile, the subscription requests transient local (latched)"
     return ""

@@ -1,4 +1,4 @@
-"""One thread that does the heavy work of a node, so that its callbacks return at once."""
+"""A thread that does the heavy work of a node, so that its callbacks return at once."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from esfo_core.errors import EsfoError
 T = TypeVar("T")
 
 QUIET_S = 0.2
-"""Time without a new item after which a request is served: what was sent before it has arrived by then."""
+"""Time without a new item after which a request is served: messages sent before it have arrived by then."""
 
 Request = tuple[Callable[[], str], Future[str]]
 
@@ -24,14 +24,15 @@ class StoppedError(EsfoError):
 
 
 class Worker(Generic[T]):
-    """Works on items one after the other. When more than `capacity` wait, the oldest is dropped and counted.
+    """Processes items one after the other. When more than `capacity` items wait, the oldest is dropped and counted.
 
-    capacity: may be changed at any time. dropped: items dropped so far. error: what ended the work, None while all is
-    well. It sleeps while there is nothing to do. It can be started again after it was stopped.
+    capacity: may be changed at any time. dropped: number of items dropped so far. error: the exception that ended the
+    thread, None while there is none. The thread sleeps while there is nothing to do, and can be started again after
+    `stop`.
     """
 
     def __init__(self, work: Callable[[T], None], capacity: int, on_error: Callable[[], None] = lambda: None) -> None:
-        """Prepare to call `work` for each item, and `on_error` once, in the thread, when anything raises."""
+        """Prepare to call `work` for each item, and `on_error` once, in the thread, when `work` or a job raises."""
         self.capacity = capacity
         self.dropped = 0
         self.error: BaseException | None = None
@@ -49,7 +50,7 @@ class Worker(Generic[T]):
 
     @property
     def running(self) -> bool:
-        """Whether it takes items."""
+        """Whether it accepts items."""
         return not self._closed
 
     def start(self) -> None:
@@ -60,7 +61,7 @@ class Worker(Generic[T]):
         self._thread.start()
 
     def stop(self, timeout: float | None = None) -> None:
-        """End the thread after its current item and wait for it; what still waits is dropped and counted."""
+        """End the thread after its current item and wait for it; waiting items are dropped and counted."""
         with self._changed:
             self._closed = True
             self.dropped += len(self._items)
@@ -76,11 +77,11 @@ class Worker(Generic[T]):
             self._thread.join(timeout)
 
     def when_idle(self, seconds: float, job: Callable[[], object]) -> None:
-        """Do `job` once whenever `seconds` of wall time have passed after an item and none followed; 0 is never."""
+        """Call `job` once whenever no item arrives for `seconds` of wall time after the last one; 0: never."""
         self._idle_s, self._idle = seconds, job
 
     def put(self, item: T) -> None:
-        """Add an item; never waits. While stopped, it is dropped and counted."""
+        """Add an item without blocking. While the worker is stopped, the item is dropped and counted."""
         with self._changed:
             if self._closed:
                 self.dropped += 1
@@ -94,11 +95,11 @@ class Worker(Generic[T]):
             self._changed.notify()
 
     def request(self, job: Callable[[], str], after_quiet: bool = True) -> Future[str]:
-        """Do `job` in the thread and return its future answer.
+        """Call `job` in the thread and return the future of its answer.
 
-        after_quiet: when all items are done and none has come for `QUIET_S`; otherwise before the next item. While the
-        worker is stopped, nothing can be under way and it is done at once, in the thread of the caller. An EsfoError of
-        the job, and a stop before it, is the exception of the future.
+        after_quiet: call it when all items are processed and none has arrived for `QUIET_S`; otherwise before the next
+        item. While the worker is stopped, no item can be waiting, and the job is called at once by the caller's thread.
+        The future has the EsfoError that the job raises, or a StoppedError when the worker stops before.
         """
         future: Future[str] = Future()
         with self._changed:
@@ -110,7 +111,7 @@ class Worker(Generic[T]):
         return future
 
     def touch(self) -> None:
-        """Note that something arrived that needs no work: it puts off requests and idle jobs like an item."""
+        """Note that a message arrived that needs no work; it delays requests and idle jobs as an item does."""
         self._latest = time.monotonic()
         if not self._idle_due:
             with self._changed:
@@ -119,7 +120,7 @@ class Worker(Generic[T]):
 
     @property
     def age(self) -> float:
-        """Seconds that the oldest item has been waiting."""
+        """Time in s for which the oldest item has been waiting."""
         with self._changed:
             return time.monotonic() - self._items[0][0] if self._items else 0.0
 
@@ -127,7 +128,7 @@ class Worker(Generic[T]):
         try:
             while not self._closed:
                 self._step()
-        except BaseException as error:  # noqa: BLE001 - whoever started the thread decides what to do with it
+        except BaseException as error:  # noqa: BLE001 - the owner of the thread handles it
             self.error = error
             self._on_error()
 
@@ -145,7 +146,7 @@ class Worker(Generic[T]):
             self._when_quiet(time.monotonic() - self._latest)
 
     def _until_due(self) -> float | None:
-        """Seconds until there is something to do even though no item comes; None for never."""
+        """Time in s until a request or the idle job is due if no item arrives; None for never."""
         quiet = time.monotonic() - self._latest
         waits = [QUIET_S - quiet] if self._requests else []
         if self._idle_due and self._idle_s > 0:

@@ -155,7 +155,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         self._kind, self._asked = wanted
         reliability = ReliabilityPolicy[self._asked.reliability.upper()]
         qos = QoSProfile(depth=self._asked.depth, reliability=reliability)
-        self.take_in(Topic(EVENTS.name, message_type, qos, EVENTS.meaning), partial(self._on_packet, self._kind))
+        self.subscribe_raw(Topic(EVENTS.name, message_type, qos, EVENTS.meaning), partial(self._on_packet, self._kind))
 
     def remedy(self, topic: str) -> str:
         """Say which parameter changes what this node asks of the publishers of one of `INPUTS`."""

@@ -217,7 +217,7 @@ def test_throughput(capsys, tmp_path):
     [
         (("topspin", "."), "no recording with a .truth.json"),
         (("topspin", "orphan"), "there is its truth"),
-        (("topspin", "broken"), "no truth of a scene"),
+        (("topspin", "broken"), "not the truth of a scene"),
         (("event-camera-dataset", "."), "events.txt"),
         (("throughput", "nowhere.mcap"), "nowhere.mcap"),
         (("throughput", "x", "--preset", "paper", "--preset", "default"), "one preset"),

@@ -15,7 +15,7 @@ from esfo_core.errors import EsfoError
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0 on a result, 1 with one line on stderr on a known error."""
+    """Run one command and return the exit code: 0 on a result, 1 with one line on stderr on a known error."""
     parser = argparse.ArgumentParser(
         prog="esfo", description="Spin rate, axis and shape of a spinning object from an event camera."
     )
@@ -38,12 +38,12 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _to_load(argv: Sequence[str]) -> Sequence[str]:
-    """Name the command asked for alone, because each imports much that the others do not need; all for the help."""
+    """Return the command that was asked for, else all: each imports modules that the others do not need."""
     return argv[:1] if argv and argv[0] in COMMANDS else COMMANDS
 
 
 def console() -> None:
-    """Entry point; a reader that closes the pipe early is no error."""
+    """Entry point of the process; a reader that closes the pipe early is not an error."""
     # Importing pycolmap makes SIGTERM print a stack dump and abort.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:

@@ -4,7 +4,7 @@ from esfo_core.errors import EsfoError
 
 
 class CommandError(EsfoError):
-    """What was asked for cannot be done as asked."""
+    """A command cannot be executed with these arguments."""
 
 
 def error_line(error: EsfoError) -> str:

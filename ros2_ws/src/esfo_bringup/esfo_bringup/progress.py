@@ -1,4 +1,4 @@
-"""Progress bars: on a terminal a bar, in a log nothing."""
+"""Progress bars, shown on a terminal only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FORMAT = "{l_bar}{bar}| {elapsed} left {remaining}"
 
 
 def share_bar(name: str) -> tqdm[NoReturn]:
-    """Bar from 0 to 1 that shows itself after a second; move it with `advance`."""
+    """Return a bar from 0 to 1 that appears after a second; move it with `advance`."""
     return tqdm(total=1.0, desc=name, bar_format=_FORMAT, disable=None, delay=1.0, leave=False)
 
 
@@ -25,7 +25,7 @@ def advance(bar: tqdm[NoReturn], share: float) -> None:
 
 
 def follow(recording: Recording, chunks: Iterable[T], name: str) -> Iterator[T]:
-    """Pass chunks of a recording on and show how much of the file has been read."""
+    """Yield the chunks of a recording and show which share of it has been read."""
     with share_bar(name) as bar:
         for chunk in chunks:
             yield chunk
@@ -33,7 +33,7 @@ def follow(recording: Recording, chunks: Iterable[T], name: str) -> Iterator[T]:
 
 
 def stage_bar(stages: int) -> tqdm[NoReturn]:
-    """Bar of whole stages; `next_stage` begins one."""
+    """Return a bar of whole stages; `next_stage` begins one."""
     return tqdm(total=stages, bar_format="{desc}: {bar}| {elapsed}", disable=None, delay=1.0, leave=False)
 
 

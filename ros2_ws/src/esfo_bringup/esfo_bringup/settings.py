@@ -1,4 +1,4 @@
-"""Options of a whole run: those of the front-end and the back-end under one preset."""
+"""Options of a whole run: those of the front-end and the back-end, with one preset."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from esfo_frontend.options import FrontendOptions, check_options
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Everything that decides a result besides the recording and the camera."""
+    """All options that a result depends on, besides the recording and the camera."""
 
     frontend: FrontendOptions
     backend: BackendOptions
@@ -24,7 +24,7 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class Assignments:
-    """Values of options by name, shared out among those whose options they are."""
+    """Values of options by name, divided by the stage that has the option."""
 
     reading: dict[str, str]
     frontend: dict[str, str]
@@ -37,7 +37,7 @@ def common_options() -> list[OptionField]:
 
 
 def share_out(values: Mapping[str, str]) -> Assignments:
-    """Say whose option each name is. Raises OptionError for a name that is nobody's."""
+    """Assign each value to the stages that have the option. Raises OptionError for an unknown name."""
     owners = [
         {leaf.name for leaf in fields_of(options)}
         for options in (ReadingOptions(), FrontendOptions(), BackendOptions())
@@ -50,7 +50,7 @@ def share_out(values: Mapping[str, str]) -> Assignments:
 
 
 def settings_for(preset: str, values: Mapping[str, str]) -> RunSettings:
-    """Return the settings of a preset with single options changed; those of reading are left to the reader.
+    """Return the settings of a preset with single options changed; options of reading are ignored.
 
     Raises OptionError for an unknown preset or option, or a value that does not fit.
     """

@@ -1,1 +1,1 @@
-"""What `esfo benchmark` measures: accuracy of the orbit and of the tracks against truth, and throughput."""
+"""Measurements of `esfo benchmark`: accuracy of the orbit and of the tracks against the truth, and throughput."""

@@ -1,4 +1,4 @@
-"""Accuracy and honesty of whole estimates over recordings whose truth is known (paper, section 6)."""
+"""Errors of estimates, and of their standard deviations, on recordings with known truth (paper, section 6)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _TRUTH = ".truth.json"
 
 @dataclass(frozen=True)
 class TrueScene:
-    """A recording with its camera, its true motion (metres) and, where there is one, its true surface."""
+    """A recording with its camera, its true motion (metres) and its true surface, None where it is not known."""
 
     name: str
     recording: Recording
@@ -48,7 +48,7 @@ class TrueScene:
 
 @dataclass(frozen=True)
 class TrackedScene:
-    """What the front-end makes of a recording, and the CPU seconds that it takes."""
+    """Output of the front-end on a recording, and the CPU seconds that it took."""
 
     tracks: Tracks
     activity: Activity
@@ -57,12 +57,12 @@ class TrackedScene:
 
 @dataclass(frozen=True)
 class OrbitResult:
-    """One scene under one preset; what could not be measured is NaN.
+    """One scene under one preset; NaN stands for what could not be measured.
 
-    z_rate, z_axis: error over its stated standard deviation; of the axis the Mahalanobis distance (two dimensions).
-    colmap: views registered of views, and its reprojection error; `*` where its start was taken. before, after: mean
-    and median distance from the true surface in % of its diameter, at the start and at the end. seconds: front-end
-    (CPU), back-end (wall).
+    z_rate: error over its stated standard deviation. z_axis: Mahalanobis distance of the axis (two dimensions). colmap:
+    registered views of all views, and reprojection error; `*` where its initialisation was used. before, after: mean
+    and median distance from the true surface in % of its diameter, after initialisation and at the end. seconds:
+    front-end (CPU), back-end (wall).
     """
 
     scene: str
@@ -79,7 +79,7 @@ class OrbitResult:
     seconds: tuple[float, float]
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the row of the table says, by name; NaN is None."""
+        """Return the values of the row by name; None stands for NaN."""
         e = self.estimate
         numbers = {
             "rate_error_percent": self.rate_percent,
@@ -108,7 +108,7 @@ class OrbitResult:
 def find_scenes(folder: Path) -> list[Path]:
     """Return the recordings below `folder` that have a `.truth.json` beside them, as `esfo simulate` writes them.
 
-    Raises CommandError where there is none, or where a truth has no recording.
+    Raises CommandError where there is none, or where the recording of a truth is missing.
     """
     truths = sorted(folder.rglob(f"*{_TRUTH}"))
     if not truths:
@@ -116,21 +116,21 @@ def find_scenes(folder: Path) -> list[Path]:
     recordings = [path.with_name(path.name.removesuffix(_TRUTH) + ".mcap") for path in truths]
     for path in recordings:
         if not path.is_file():
-            raise CommandError(f"{path}: no such recording, but there is its truth")
+            raise CommandError(f"{path}: no such recording, although its truth is there")
     return recordings
 
 
 def open_scene(path: Path) -> TrueScene:
-    """Open a recording, its `.truth.json` and its `.ply`; a scene without the last is not registered.
+    """Open a recording, its `.truth.json` and its `.ply`; without a mesh there is no registration.
 
-    Raises CommandError for a truth that is none, EvaluationError for one that does not spin, RecordingError.
+    Raises CommandError for a malformed truth, EvaluationError for one without a spin, and RecordingError.
     """
     truth_path = path.with_suffix(_TRUTH)
     try:
         truth = json.loads(truth_path.read_text())
         t0 = int(truth["t0_ns"])
     except (ValueError, KeyError, TypeError) as error:
-        raise CommandError(f"{truth_path}: no truth of a scene ({error!r})") from error
+        raise CommandError(f"{truth_path}: not the truth of a scene ({error!r})") from error
     spin = spin_of(truth, str(truth_path))
     model = path.with_suffix(".ply")
     source = open_source(path, None)
@@ -141,7 +141,7 @@ def open_scene(path: Path) -> TrueScene:
 
 
 def track(chunks: Iterable[EventArray], camera: Camera, options: FrontendOptions | None = None) -> TrackedScene:
-    """Run the front-end over events. Raises CommandError where there is none."""
+    """Run the front-end over events. Raises CommandError where there are none."""
     frontend = Frontend(camera, options)
     begin = time.process_time()
     outputs = [output for _, output in frontend.run(chunks)]
@@ -155,19 +155,19 @@ def track(chunks: Iterable[EventArray], camera: Camera, options: FrontendOptions
 
 
 def backend_of(tracked: TrackedScene, camera: Camera, options: BackendOptions | None = None) -> Backend:
-    """Return a back-end that has received everything."""
+    """Return a back-end that has received all tracks and all activity."""
     backend = Backend(camera, options)
     backend.add(TrackUpdate(tracked.tracks, np.empty(0, np.uint32)), tracked.activity)
     return backend
 
 
 def measure_orbit(scene: TrueScene, preset: str, settings: RunSettings, tracked: TrackedScene) -> OrbitResult:
-    """Solve and set the result beside the truth. preset: how the result is to be called."""
+    """Solve, and compare the estimate with the truth. preset: name of the preset in the result."""
     backend = backend_of(tracked, scene.camera, settings.backend)
     begin = time.perf_counter()
     estimate = backend.solve()
     seconds = (tracked.seconds, time.perf_counter() - begin)
-    before, colmap = _at_the_start(backend, tracked, scene)
+    before, colmap = _initial(backend, tracked, scene)
     if estimate.spin is None:
         nan = np.nan
         return OrbitResult(scene.name, preset, estimate, nan, nan, nan, nan, nan, colmap, before, _NOWHERE, seconds)
@@ -191,8 +191,8 @@ def measure_orbit(scene: TrueScene, preset: str, settings: RunSettings, tracked:
     )
 
 
-def _at_the_start(backend: Backend, tracked: TrackedScene, scene: TrueScene) -> tuple[tuple[float, float], str]:
-    """Return the registration of the points that the optimisation began with, and what became of COLMAP."""
+def _initial(backend: Backend, tracked: TrackedScene, scene: TrueScene) -> tuple[tuple[float, float], str]:
+    """Return the registration of the initial points, and the result of COLMAP."""
     start = None if backend.last_search is None else backend.last_search.initialisation
     if start is None:
         return _NOWHERE, "none"

@@ -1,4 +1,4 @@
-"""Results of `orbit_accuracy` as the tables of docs/benchmarks.md."""
+"""Tables of the results of `orbit_accuracy`, as in docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HEADER = (
 
 
 def row_of(r: OrbitResult) -> str:
-    """Return the line of one scene."""
+    """Return the row of one scene."""
     e = r.estimate
     flags = ", ".join(f for f in e.flags if f != "scale_unobservable")
     verdict = f"{e.status} {f'[{flags}]' if flags else ''} {e.reason}".strip()
@@ -30,7 +30,7 @@ def row_of(r: OrbitResult) -> str:
 
 @dataclass(frozen=True)
 class Measure:
-    """A quantity of each result. goal: median (worst) to be reached. of_all: not only of what is called ok."""
+    """A quantity of each result. goal: for the median (for the worst). of_all: also of results that are not `ok`."""
 
     name: str
     get: Callable[[OrbitResult], float]
@@ -51,10 +51,10 @@ MEASURES = (
 
 @dataclass(frozen=True)
 class Summary:
-    """Of the results under one preset.
+    """Statistics of the results under one preset.
 
-    statuses: how many there are of each. spread: median and largest finite value of each measure by name, None where
-    there is none. covered: share of errors of rate and axis below three of their deviations, of `ratios` ones.
+    statuses: number of results by status. spread: median and largest finite value of each measure by name, None where
+    there is none. covered: share of the `ratios` errors of rate and axis below three standard deviations.
     """
 
     preset: str
@@ -64,7 +64,7 @@ class Summary:
     ratios: int
 
     def lines(self) -> list[str]:
-        """Return the table beside the goals."""
+        """Return the table, with the goals."""
         counts = ", ".join(f"{count} {status}" for status, count in self.statuses.items())
         rows = []
         for measure in MEASURES:
@@ -81,7 +81,7 @@ class Summary:
         ]
 
     def to_json(self) -> dict[str, object]:
-        """Return the same by name; what does not exist is None."""
+        """Return the statistics by name; None stands for values that do not exist."""
         spread = {name: None if s is None else {"median": s[0], "worst": s[1]} for name, s in self.spread.items()}
         return {
             "preset": self.preset,
@@ -92,7 +92,7 @@ class Summary:
 
 
 def summarise(results: Sequence[OrbitResult], preset: str) -> Summary:
-    """Summarise; errors are of what is called ok only, for that is what is claimed."""
+    """Summarise; errors are those of results with status `ok`, because only these are claimed to be accurate."""
     own = [r for r in results if r.preset == preset]
     ok = [r for r in own if r.estimate.status == "ok"]
     z = np.array([v for r in ok for v in (r.z_rate, r.z_axis)])

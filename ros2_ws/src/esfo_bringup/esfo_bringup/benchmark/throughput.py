@@ -1,4 +1,4 @@
-"""How fast events are read, corners found and features tracked, in one pass over a recording."""
+"""Throughput of reading, corner detection and feature tracking, in one pass over a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from esfo_frontend.options import FrontendOptions
 from esfo_frontend.warm_up import warm_up
 
 STAGES = ("read", "corners", "front-end")
-"""`corners` is the detector alone; `front-end` is all of it, its own detector included, but reading."""
+"""`corners` is the detector alone; `front-end` is the whole front-end with its detector, without reading."""
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Throughput:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the CPU time of what happens within the context."""
+        """Add the CPU time that the body of the context takes."""
         begin = time.process_time()
         yield
         self.cpu_s[name] += time.process_time() - begin
@@ -47,7 +47,7 @@ class Throughput:
         return self.duration_s / max(self.cpu_s["read"] + self.cpu_s["front-end"], 1e-9)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the numbers of the row by name."""
+        """Return the values of the row by name."""
         return {
             "recording": self.recording,
             "events": self.events,
@@ -58,12 +58,12 @@ class Throughput:
 
 
 def measure_throughput(recording: Recording, options: FrontendOptions) -> Throughput:
-    """Time the stages on the chunks of a recording, which is never held as a whole; compiling is not counted.
+    """Time the stages on a recording, chunk by chunk; the time to compile is not counted.
 
     Raises RecordingError for a recording without events.
     """
     warm_up(options)
-    next(recording.chunks(), None)  # compiles the decoder; what is measured begins anew
+    next(recording.chunks(), None)  # compiles the decoder; the measurement reads from the start again
     detector = CornerDetector(recording.width, recording.height, options.corners)
     frontend = Frontend(recording, options)
     found = Throughput(str(recording.path))
@@ -95,6 +95,6 @@ HEADER = (
 
 
 def row_of(t: Throughput) -> str:
-    """Return the line of one recording."""
+    """Return the row of one recording."""
     speeds = " | ".join(f"{t.mevs(stage):.2f}" for stage in STAGES)
     return f"| {t.recording} | {t.events / 1e6:.3f} | {t.duration_s:.2f} | {speeds} | {t.times_real_time:.2f} |"

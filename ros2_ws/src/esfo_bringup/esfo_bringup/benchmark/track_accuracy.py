@@ -1,7 +1,7 @@
-"""How many, how old and how true feature tracks are on folders of the Event Camera Dataset.
+"""Number, age and accuracy of feature tracks on folders of the Event Camera Dataset.
 
-The protocol of the paper's front-end evaluation (section 6.1): every track of at least 4 rows is set against the point
-that it has under the true poses; it counts where its root mean square error is within a threshold.
+The protocol of the paper's front-end evaluation (section 6.1): every track of at least 4 rows is compared with its
+point, triangulated with the true poses; it counts where its root mean square error is within a threshold.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from esfo_frontend.options import FrontendOptions
 from esfo_frontend.trackers import Statistics
 
 THRESHOLDS_PX = (3.0, 5.0, 7.0)
-"""Those of the paper."""
+"""Thresholds of the paper."""
 
 _EVENTS, _POSES, _CALIBRATION = "events.txt", "groundtruth.txt", "calib.txt"
 
@@ -47,7 +47,7 @@ class TrackResult:
     """One folder under one preset.
 
     age_s: (K,) from first to last row of every track of at least 4 rows. accuracies: at THRESHOLDS_PX; empty without
-    true poses. outside: rows that no pose covers, left out of these. seconds: CPU time without reading.
+    true poses. outside: rows outside the time of the poses, left out. seconds: CPU time without reading.
     """
 
     scene: str
@@ -60,7 +60,7 @@ class TrackResult:
     seconds: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the row of the table says, by name; NaN is None."""
+        """Return the values of the row by name; None stands for NaN."""
         return {
             "scene": self.scene,
             "preset": self.preset,
@@ -94,9 +94,9 @@ def find_recordings(folder: Path) -> list[Path]:
 
 
 def measure_tracks(folder: Path, preset: str, options: FrontendOptions) -> TrackResult:
-    """Run the front-end over a folder; set its tracks against `groundtruth.txt` where there is one.
+    """Run the front-end over a folder; compare its tracks with `groundtruth.txt` where there is one.
 
-    Raises RecordingError and CameraError for files that are none of the dataset's.
+    Raises RecordingError and CameraError for files that are not in the form of the dataset.
     """
     recording = open_recording(folder / _EVENTS, None, ReadingOptions(width=SENSOR[0], height=SENSOR[1]))
     frontend = Frontend(recording, options)
@@ -158,7 +158,7 @@ HEADER = (
 
 
 def row_of(r: TrackResult) -> str:
-    """Return the line of one folder; what needs true poses is empty without them."""
+    """Return the row of one folder; the columns that need true poses are empty without them."""
     s = r.statistics
     ages = f"{r.age_s.mean():.3f}, {np.median(r.age_s):.3f}" if len(r.age_s) else "-"
     per_s = f"{s.corners / r.duration_s:.0f}" if r.duration_s else "-"

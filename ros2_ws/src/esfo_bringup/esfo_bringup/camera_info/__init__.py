@@ -1,1 +1,1 @@
-"""The calibration of a camera whose driver does not publish one."""
+"""Node that publishes a calibration, for cameras whose driver does not."""

@@ -1,4 +1,4 @@
-"""ROS node that publishes the calibration of a file, for cameras whose driver publishes none."""
+"""ROS node that publishes the calibration in a file, for cameras whose driver does not."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from esfo_ros.topics import CAMERA_INFO
 
 
 class CameraInfoNode(Node):  # type: ignore[misc]
-    """Publishes once; the topic is latched."""
+    """Publishes the calibration once, on a latched topic."""
 
     OUTPUTS = (CAMERA_INFO,)
 

@@ -1,4 +1,4 @@
-"""The sub-commands of `esfo`, one module each, imported when asked for: each loads much that others do not need."""
+"""The sub-commands of `esfo`, one module each, imported on demand: each loads modules that others do not need."""
 
 from __future__ import annotations
 

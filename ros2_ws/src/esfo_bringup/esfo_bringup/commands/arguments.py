@@ -17,13 +17,13 @@ from esfo_core.estimate_text import facts
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions
 
-Commands = argparse._SubParsersAction  # the only name that argparse has for it
+Commands = argparse._SubParsersAction  # argparse has no public name for this type
 
 _PRINTED = ("spin rate", "axis", "structure", "initialised", "status")
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what `run` and `live` take alike."""
+    """Add the arguments that `run` and `live` share."""
     add_recording(parser)
     parser.add_argument("--camera", type=Path, metavar="YAML", help="camera_calibration file (default: in the bag)")
     parser.add_argument("--preset", default="default", choices=("default", "paper"), help="values of all options")
@@ -44,7 +44,7 @@ def common_options_text() -> str:
 
 
 def settings_of(args: argparse.Namespace) -> RunSettings:
-    """Return the settings that the arguments ask for."""
+    """Return the settings by the preset and the assignments among the arguments."""
     return settings_for(args.preset, parse_assignments(args.set))
 
 
@@ -55,7 +55,7 @@ def source_of(args: argparse.Namespace) -> Source:
 
 
 def check_output(folder: Path) -> None:
-    """Raise CommandError unless results can be written to `folder`; before the work, not after it."""
+    """Raise CommandError unless results can be written to `folder`; called before the work begins."""
     if folder.exists() and not folder.is_dir():
         raise CommandError(f"{folder} is not a folder")
     parent = folder if folder.is_dir() else next(p for p in folder.absolute().parents if p.exists())
@@ -64,7 +64,10 @@ def check_output(folder: Path) -> None:
 
 
 def report(result: RunResult, folder: Path, files: Sequence[str] = ("orbit.json", "report.html")) -> int:
-    """Print the result, and which files to look at; the exit code is 0 for `ok` and 1, with one reason, otherwise."""
+    """Print the result and the names of its files; return 0.
+
+    Raises CommandError with the reason when the status is not `ok`.
+    """
     named = facts(result.estimate, result.note)
     for name in _PRINTED:
         if name in named:

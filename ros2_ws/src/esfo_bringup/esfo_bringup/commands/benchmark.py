@@ -22,10 +22,10 @@ from esfo_frontend.warm_up import warm_up
 
 
 class Result(Protocol):
-    """What a benchmark measures of one recording."""
+    """Result of a benchmark on one recording."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return its numbers by name."""
+        """Return its values by name."""
 
 
 R = TypeVar("R", bound=Result)
@@ -51,7 +51,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
 
 
 def _topspin(args: argparse.Namespace) -> int:
-    """Solve every scene below the folder under every preset; a preset without any result `ok` is no error."""
+    """Solve every scene below the folder under every preset; a preset without a result `ok` is not an error."""
     presets = _presets(args)
     paths = find_scenes(args.folder)
     _compile(presets)
@@ -104,13 +104,13 @@ def _throughput(args: argparse.Namespace) -> int:
 
 
 def _presets(args: argparse.Namespace) -> dict[str, RunSettings]:
-    """Return the settings asked for by the name of their preset."""
+    """Return the settings by the names of the presets that were asked for."""
     values = parse_assignments(args.set)
     return {name: settings_for(name, values) for name in args.preset or ["default"]}
 
 
 def _compile(presets: dict[str, RunSettings]) -> None:
-    """Compile the front-end, so that no time of a result has a share of that."""
+    """Compile the front-end, so that no measured time contains it."""
     for settings in presets.values():
         warm_up(settings.frontend)
 
@@ -118,7 +118,7 @@ def _compile(presets: dict[str, RunSettings]) -> None:
 def _printed(
     args: argparse.Namespace, header: Iterable[str], measured: Iterable[R], row_of: Callable[[R], str]
 ) -> list[R]:
-    """Collect results and print each as it comes, unless JSON was asked for."""
+    """Collect the results and print each one when it is there, unless JSON was asked for."""
     if not args.json:
         print(*header, sep="\n")
     results = []

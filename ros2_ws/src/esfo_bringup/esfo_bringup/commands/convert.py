@@ -1,4 +1,4 @@
-"""`esfo convert`: any recording as a ROS 2 bag of event packets."""
+"""`esfo convert`: write any recording as a ROS 2 bag of event packets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Copy all events, the camera and the offset of the host's clock; external triggers have no place in the bag."""
+    """Copy all events, the camera and the offset of the host's clock; external triggers are left out."""
     if args.output.suffix != ".mcap":
         raise CommandError(f"{args.output} does not end in .mcap")
     recording = opened(args)
@@ -54,7 +54,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _left_out(recording: Recording) -> list[str]:
-    """Say what of the recording is not in the bag."""
+    """Return what the recording has and the bag has not."""
     s, d = recording.statistics, recording.statistics.decoder
     counts = {
         "external triggers": d.triggers_rising + d.triggers_falling,

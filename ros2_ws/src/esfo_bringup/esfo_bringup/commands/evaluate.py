@@ -1,4 +1,4 @@
-"""`esfo evaluate`: a result beside the truth of a simulation."""
+"""`esfo evaluate`: compare a result with the truth of a simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`esfo info`: what a recording holds."""
+"""`esfo info`: show the contents of a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ INFERRED = ", what the events need; the file tells no size"
 
 @dataclass
 class EventTiming:
-    """How the events of a recording come over time.
+    """Distribution of the events of a recording over time.
 
     peak: most events in one of the windows of `PEAK_WINDOW_NS`. gaps: stretches without events longer than `GAP_NS`;
     longest_gap and its start gap_start in ns.
@@ -51,7 +51,7 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the whole recording and print what was met."""
+    """Read the whole recording and print its contents, times and losses."""
     recording = opened(args)
     timing = EventTiming()
     for events in follow(recording, recording.chunks(PEAK_WINDOW_NS), "reading"):

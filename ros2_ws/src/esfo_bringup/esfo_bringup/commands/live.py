@@ -1,4 +1,4 @@
-"""`esfo live`: the same as `esfo run`, through the real ROS graph."""
+"""`esfo live`: the same as `esfo run`, through ROS nodes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def add_live_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Check all input, then leave the work to a process of its own: this command works without ROS."""
+    """Check all input, then run the session in a separate process, because this command must load without ROS."""
     if importlib.util.find_spec("rclpy") is None:
         raise CommandError("ROS 2 is not in this environment: source a Jazzy install, or use make setup")
     settings_of(args)
@@ -48,12 +48,12 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _run_session(command: list[str]) -> int:
-    """Run the session in a group of its own and end it with this process, whichever signal that gets."""
+    """Run the session in its own process group, and end it when a signal ends this process."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     process = subprocess.Popen(command, start_new_session=True)
     try:
         return process.wait()
     except KeyboardInterrupt:
         process.send_signal(signal.SIGINT)
-        process.wait()  # it ends its nodes, which takes some seconds
+        process.wait()  # the session ends its nodes, which takes some seconds
         raise

@@ -1,4 +1,4 @@
-"""Arguments that say how a recording is opened."""
+"""Arguments for opening a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from esfo_core.recordings.reading_options import ReadingOptions
 
 
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the recording and what it may not tell."""
+    """Add the recording, and the options for what its file does not tell."""
     add_recording(parser)
     names = ", ".join(leaf.name for leaf in fields_of(ReadingOptions()))
     add_assignments(parser, f"what the file does not tell: {names}")

@@ -1,4 +1,4 @@
-"""`esfo run`: recording in, orbit out, without ROS."""
+"""`esfo run`: estimate the orbit of a recording, without ROS."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _load_ahead() -> None:
-    """Import what takes long; who needs a module before it is ready waits for it, and sees why it cannot be had."""
+    """Import slow modules in the background; an import in the main thread waits for them and raises their error."""
     with suppress(ImportError):
         import esfo_bringup.results.files  # noqa: F401
 

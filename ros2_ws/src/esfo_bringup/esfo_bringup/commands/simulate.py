@@ -85,7 +85,7 @@ def _handheld(args: argparse.Namespace) -> int:
 
 
 def _topspin(base: SceneOptions, folder: Path) -> int:
-    """Write what is not written yet of the 72 scenes."""
+    """Write those of the 72 scenes that are not written yet."""
     folder.mkdir(parents=True, exist_ok=True)
     every = topspin(base)
     scenes = {name: scene for name, scene in every.items() if not is_written(scene, folder / f"{name}.mcap")}

@@ -1,1 +1,1 @@
-"""A live run: three nodes in processes of their own, and one that collects what they publish."""
+"""A live run: replay, front-end and back-end in a process each, and a node that collects what they publish."""

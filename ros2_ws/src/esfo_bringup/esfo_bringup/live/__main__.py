@@ -1,4 +1,4 @@
-"""Entry point of a live session, `python -m esfo_bringup.live`: an interrupt while it loads leaves no traceback."""
+"""Entry point of a live session, `python -m esfo_bringup.live`; an interrupt during loading leaves no traceback."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""ROS node of a live run: starts replay, front-end and back-end, collects what they publish, checks nothing is lost."""
+"""ROS node of a live run: starts replay, front-end and back-end, collects what they publish, checks for losses."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ _START_S = 120.0
 _SETTLE_S = 60.0
 _SOLVE_S = 600.0
 _ANSWER_S = 60.0
-"""Time after which a service is asked again: a node that discovers us too late cannot send its answer."""
+"""Time after which a service is called again: a node that discovers the client too late cannot send its answer."""
 _EVERYTHING = QoSProfile(depth=100_000)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class CollectorNode(Node):  # type: ignore[misc]
-    """Keeps the tracks and the latest orbit; asks the others to finish."""
+    """Keeps the tracks, the activity and the latest orbit, and calls the services of the other nodes."""
 
     def __init__(self, bar: tqdm[NoReturn]) -> None:
         super().__init__("collector")
@@ -66,7 +66,7 @@ class CollectorNode(Node):  # type: ignore[misc]
 
     @property
     def observations(self) -> int:
-        """ObservationRows received."""
+        """Number of observations received."""
         return sum(len(t) for t in self.tracks)
 
     def _on_tracks(self, message: FeatureTracks) -> None:
@@ -86,7 +86,7 @@ class CollectorNode(Node):  # type: ignore[misc]
         tqdm.write(f"{seen:7.2f} s  {one_line(messages.estimate_from(message, None), message.points)}")
 
     def spin_until(self, done: Callable[[], bool], processes: NodeProcesses, timeout_s: float, what: str) -> None:
-        """Handle messages until `done`. Raises CommandError when a process dies or after the time."""
+        """Handle messages until `done`. Raises CommandError when a process dies or the time is over."""
         end = time.monotonic() + timeout_s
         while not done():
             rclpy.spin_once(self, timeout_sec=0.1)
@@ -114,7 +114,7 @@ class CollectorNode(Node):  # type: ignore[misc]
 
 
 def run_live(source: Source, args: argparse.Namespace, folder: Path) -> tuple[RunResult, list[Activity]]:
-    """Play the recording through the graph; return the result and what it was found from.
+    """Play the recording through the nodes; return the result and the activity.
 
     Raises CommandError when anything was lost or a node died.
     """
@@ -134,7 +134,7 @@ def run_live(source: Source, args: argparse.Namespace, folder: Path) -> tuple[Ru
 
 
 def _start(source: Source, args: argparse.Namespace, folder: Path, processes: NodeProcesses) -> NodeProcess:
-    """Initialisation the three nodes with a configuration in which nothing may be lost; return the replay."""
+    """Start the three nodes, configured so that no message may be lost; return the replay."""
     camera = folder / "camera.yaml"
     source.camera.write_yaml(camera)
     chosen = share_out(parse_assignments(args.set))
@@ -154,7 +154,7 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
             "wait_for_back_end": True,
             "min_listeners": 2,  # the back-end and the collector
             "idle_flush_s": 0.0,
-            # What a back-end or a collector that gets no processor time has not taken is kept, not overwritten.
+            # Messages are kept, not overwritten, while the back-end or the collector gets no processor time.
             **{f"qos_overrides./{topic}.publisher.depth": 100_000 for topic in ("feature_tracks", "event_activity")},
             **chosen.frontend,
         },
@@ -177,7 +177,7 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
 
 
 def _finish(collector: CollectorNode, replay: NodeProcess, processes: NodeProcesses) -> None:
-    """Let the front-end end its tracks and the back-end solve with all of them."""
+    """Have the front-end end its tracks and the back-end solve with all of them."""
     published = re.search(r"published (\d+) packets", replay.log())
     flushed = collector.ask("frontend/flush", processes, _SOLVE_S)
     if published is None or flushed["packets"] != published[1]:
@@ -220,12 +220,12 @@ def main() -> int:
         for events in source.recording.chunks():
             event_image.add(events)
         write_results(result, source, event_image, activity, args.output)
-        bag.unlink(missing_ok=True)  # of an earlier `esfo run`, with another result
+        bag.unlink(missing_ok=True)  # an earlier `esfo run` wrote it, with another result
         return report(result, args.output)
     except EsfoError as error:
         sys.stderr.write(error_line(error))
         return 1
     except KeyboardInterrupt:
-        return 130  # the command that started this one says so
+        return 130  # the command that started this session reports it
     finally:
         rclpy.try_shutdown()

@@ -1,4 +1,4 @@
-"""The processes of a live run: started together, watched, and all ended whatever happens."""
+"""Processes of the nodes of a live run: their start, supervision and end."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def find_executable(package: str, name: str) -> Path:
 
 
 class NodeProcess:
-    """One node in a process group of its own; what it prints goes to a file."""
+    """One node in its own process group; its output goes to a file."""
 
     def __init__(self, executable: Path, parameters: Mapping[str, object], folder: Path) -> None:
         self.name = executable.name
@@ -43,7 +43,7 @@ class NodeProcess:
 
     @property
     def pid(self) -> int:
-        """Number of its process."""
+        """Identifier of its process."""
         return self._process.pid
 
     def exit_code(self) -> int | None:
@@ -51,22 +51,22 @@ class NodeProcess:
         return self._process.poll()
 
     def log(self) -> str:
-        """All that it printed so far."""
+        """Its output so far."""
         return self._log.read_text(errors="replace")
 
     def complaint(self) -> str:
-        """The last line that it printed, without the prefix of the ROS log."""
+        """The last line of its output, without the prefix of the ROS log."""
         lines = [line for line in self.log().splitlines() if line.strip()]
         last = _LOG_LINE.sub("", lines[-1]) if lines else "it printed nothing"
         return last.removeprefix("error: ")
 
     def signal_group(self, number: signal.Signals) -> None:
-        """Signal the whole group, which outlives its leader when that has children."""
+        """Send a signal to the whole group, which outlives its leader when that has children."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, number)
 
     def wait(self, until: float) -> bool:
-        """Wait for its end up to a time of `time.monotonic`; true when it ended."""
+        """Wait for its end until the time `until` of `time.monotonic`; return whether it ended."""
         try:
             self._process.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -75,14 +75,14 @@ class NodeProcess:
 
 
 class NodeProcesses:
-    """A set of nodes that ends with the `with` block: SIGINT, then SIGTERM, then SIGKILL."""
+    """Nodes that are ended at the end of the `with` block: by SIGINT, then SIGTERM, then SIGKILL."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._nodes: list[NodeProcess] = []
 
     def start(self, package: str, name: str, parameters: Mapping[str, object]) -> NodeProcess:
-        """Initialisation a node."""
+        """Start a node."""
         node = NodeProcess(find_executable(package, name), parameters, self._folder)
         self._nodes.append(node)
         return node

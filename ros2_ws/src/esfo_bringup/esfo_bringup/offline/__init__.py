@@ -1,1 +1,1 @@
-"""The pipeline without ROS."""
+"""The pipeline without ROS: opening a recording, tracking it, estimating its orbit."""

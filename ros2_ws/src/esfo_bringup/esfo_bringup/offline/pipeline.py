@@ -1,4 +1,4 @@
-"""The pipeline without ROS: the same Frontend and Backend as in the nodes, driven by a recording."""
+"""The pipeline without ROS: runs the Frontend and the Backend of the nodes on a recording."""
 
 from __future__ import annotations
 
@@ -26,17 +26,20 @@ if TYPE_CHECKING:
     from esfo_backend.backend import Backend
 
 MakeBackend = Callable[[Camera, BackendOptions], "Backend"]
-"""The class `Backend`, or a function that loads it first: that takes a second, in which tracking can begin."""
+"""The class `Backend`, or a function that imports it first: tracking can begin during that second."""
 _MOST_WAITING = 500
 """Chunks of a recording that may wait until the back-end is loaded."""
 
 Listener = Callable[[EventArray, FrontendOutput], None]
-"""Gets the events of a run as they stream, with what they settle in the front-end."""
+"""Called with each chunk of events and what it settles in the front-end."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """Outcome of a run: the estimate, all tracks, and what the front-end counted (None after a live run)."""
+    """Result of a run: the estimate, all tracks, and the counts of the front-end (None after a live run).
+
+    note: remark on the initialisation, empty where there is none.
+    """
 
     estimate: OrbitEstimate
     tracks: Tracks
@@ -49,8 +52,8 @@ def run_offline(
 ) -> RunResult:
     """Track the whole recording, then estimate once. Raises RecordingError for a recording without events.
 
-    make_backend: called when the first tracks are handed over. listen: called for every chunk of events, and at the end
-    without events for what was pending.
+    make_backend: called when the first tracks are handed over. listen: called for every chunk of events, and at the
+    end, without events, for what was pending.
     """
     recording = source.recording
     frontend = Frontend(recording, settings.frontend)
@@ -80,14 +83,14 @@ def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:
 
 
 def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, Statistics]:
-    """Track the whole recording and leave it at that. Raises RecordingError for a recording without events."""
+    """Track the whole recording without an estimate. Raises RecordingError for a recording without events."""
     frontend = Frontend(recording, settings.frontend)
     tracks = Tracks.concatenate(output.tracks.observations for output in _outputs(frontend, recording))
     return tracks.sorted(), frontend.statistics
 
 
 def _outputs(frontend: Frontend, recording: Recording, listen: Listener | None = None) -> Iterator[FrontendOutput]:
-    """Yield what the front-end makes of the recording, its end included."""
+    """Yield the outputs of the front-end up to the end of the recording."""
     for events, output in frontend.run(follow(recording, recording.chunks(), "tracking")):
         if not frontend.statistics.events:
             raise RecordingError(f"{recording.path}: no events")

@@ -1,4 +1,4 @@
-"""A recording and the camera to use with it."""
+"""A recording and its camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from esfo_core.recordings import ReadingOptions, Recording, open_recording
 
 @dataclass(frozen=True)
 class Source:
-    """A recording with the camera to use; assumed: the camera is a guess, because nothing tells it."""
+    """A recording and its camera. assumed: the intrinsics are a guess, because no calibration is given."""
 
     recording: Recording
     camera: Camera
@@ -23,10 +23,11 @@ class Source:
 def open_source(
     path: Path, camera_file: Path | None, topic: str | None = None, options: ReadingOptions | None = None
 ) -> Source:
-    """Open a recording and find its camera: the file given, that of the recording, or a guess that is named so.
+    """Open a recording with its camera: from the file given, else from the recording, else a guess, marked as such.
 
-    topic, options: what the recording does not tell; a camera file tells the sensor size. Raises RecordingError, and
-    CameraError when the camera is of another size than the sensor.
+    topic, options: what the recording does not tell; a camera file tells the sensor size.
+
+    Raises RecordingError, and CameraError when the sizes of camera and sensor differ.
     """
     reading = options or ReadingOptions()
     given = None if camera_file is None else Camera.read_yaml(camera_file)
@@ -35,7 +36,7 @@ def open_source(
     recording = open_recording(path, topic, reading)
     camera = given or recording.camera
     if camera is None:
-        # A lens of 53 degrees: the rate hardly depends on it, the axis does.
+        # A field of view of 53 degrees: the rate hardly depends on it, the axis does.
         return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)
     check_size(camera, recording, "the camera")
     return Source(recording, camera, False)
@@ -54,7 +55,7 @@ def choose_camera(recording: Recording, override: str) -> Camera | None:
 
 
 def check_size(camera: Camera, recording: Recording, name: str) -> None:
-    """Raise CameraError, which calls the camera `name`, unless it is of the size of the recording's sensor."""
+    """Raise CameraError, with `name` for the camera, unless it has the size of the recording's sensor."""
     if (camera.width, camera.height) != (recording.width, recording.height):
         raise CameraError(
             f"{name} is of {camera.width}x{camera.height} px, the recording of {recording.width}x{recording.height}"
@@ -62,7 +63,7 @@ def check_size(camera: Camera, recording: Recording, name: str) -> None:
 
 
 def with_source(estimate: OrbitEstimate, source: Source) -> OrbitEstimate:
-    """Name what the source leaves open: `intrinsics_assumed` when the camera is a guess."""
+    """Return the estimate, with the flag `intrinsics_assumed` when the camera is a guess."""
     if not source.assumed:
         return estimate
     return replace(estimate, flags=(*estimate.flags, "intrinsics_assumed"))

@@ -1,1 +1,1 @@
-"""Replays a recording into the ROS graph."""
+"""Replay of a recording into the ROS graph."""

@@ -18,7 +18,7 @@ from esfo_ros.time_stamps import to_stamp
 
 
 def packet_message(events: EventArray, seq: int, size: tuple[int, int], frame_id: str) -> EventPacket:
-    """Return events (N,), N > 0, of a sensor of size (width, height); the stamp is the sensor time of the first."""
+    """Return a packet of events (N,), N > 0; the stamp is the sensor time of the first. size: (width, height), px."""
     t = int(events["t"][0])
     return EventPacket(
         header=Header(stamp=to_stamp(t), frame_id=frame_id),
@@ -49,11 +49,11 @@ def camera_info_message(camera: Camera, frame_id: str) -> CameraInfo:
 
 
 def clock_message(t: int) -> Clock:
-    """Return the time `t` ns."""
+    """Return a clock message of the time `t` ns."""
     return Clock(clock=to_stamp(t))
 
 
 def acknowledged_until(message: EventActivity) -> int:
-    """Return the sensor time in ns before which the front-end has worked on every event."""
+    """Return the sensor time in ns before which the front-end has processed every event."""
     bins = len(message.counts) // (2 * message.rows * message.columns)
     return int(message.t0 + bins * message.bin)

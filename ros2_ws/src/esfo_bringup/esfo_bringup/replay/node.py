@@ -36,11 +36,11 @@ ACTIVITY = Topic(
 
 CLOCK_NS = 10_000_000
 MATCHING_S = 0.3
-"""A subscriber that we have found may need this long to find us."""
+"""A subscriber that is known here may need this long to discover the publisher."""
 
 
 class ReplayNode(Node):  # type: ignore[misc]
-    """Publishes a recording; its stamps and /clock are the sensor times of the recording."""
+    """Publishes a recording; the stamps and /clock are sensor times of the recording."""
 
     INPUTS = (ACTIVITY,)
     OUTPUTS = (EVENTS, CAMERA_INFO, CLOCK)
@@ -68,7 +68,7 @@ class ReplayNode(Node):  # type: ignore[misc]
             self._camera_info.publish(camera_info_message(camera, self._options.frame_id))
 
     def play(self) -> None:
-        """Play to the end. Raises ReplayError when nobody listens, RecordingError when the recording is damaged."""
+        """Play to the end. Raises ReplayError without subscribers, RecordingError for a damaged recording."""
         executor = SingleThreadedExecutor()
         executor.add_node(self)
         self._wait_for_subscribers(executor)
@@ -102,7 +102,7 @@ class ReplayNode(Node):  # type: ignore[misc]
             if self._options.rate > 0:
                 self._tick(min(t, self._pace.sensor_time(time.monotonic())))
             elif self.count_publishers("event_activity") == 0:
-                self.get_logger().warning("nobody acknowledges events on event_activity: going on in real time")
+                self.get_logger().warning("no node acknowledges events on event_activity: continuing in real time")
                 self._pace = self._new_pace(1.0)
             executor.spin_once(timeout_sec=min(delay, CLOCK_NS / NS_PER_S))
 

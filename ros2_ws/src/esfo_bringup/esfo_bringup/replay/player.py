@@ -1,4 +1,4 @@
-"""How a recording is played: cut into packets, and each sent when its time has come."""
+"""Replay of a recording: cuts it into packets and decides when each is sent."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from esfo_core.recordings import ReadingOptions, Recording
 
 PACKET_NS = 2_000_000
 MAX_EVENTS = 16_384
-"""Events of one packet: 128 KiB, which the default transport carries without loss."""
+"""Most events in a packet: 128 KiB, which the default transport delivers without loss."""
 
 
 class ReplayError(EsfoError):
-    """Nobody takes the events."""
+    """The events have no subscriber, or are not acknowledged."""
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """What is played, and how fast."""
+    """Recording to play, and speed."""
 
     recording: str = option("", "path of the recording")
     topic: str = option("", "event topic of a bag with several; empty: the only one")
@@ -43,7 +43,7 @@ class ReplayOptions:
 
 
 def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:
-    """Cut a recording into packets of up to 2 ms and `MAX_EVENTS`; when it loops, times go on after the last event."""
+    """Yield packets of up to 2 ms and `MAX_EVENTS`; with `loop`, the times of the next round follow the last event."""
     shift, last = 0, 0
     while True:
         first: int | None = None
@@ -58,7 +58,7 @@ def packets(recording: Recording, loop: bool) -> Iterator[EventArray]:
 
 
 def cut(events: EventArray, first: int) -> Iterator[EventArray]:
-    """Cut events (N,), N > 0, into packets of up to `MAX_EVENTS`, on a grid of `PACKET_NS` from the time `first` ns on."""
+    """Cut events (N,), N > 0, every `PACKET_NS` after `first`, ns, and where a packet would exceed `MAX_EVENTS`."""
     t = events["t"]
     start = int(t[0]) - (int(t[0]) - first) % PACKET_NS
     borders = np.searchsorted(t, np.arange(start + PACKET_NS, int(t[-1]) + 1, PACKET_NS))
@@ -68,9 +68,9 @@ def cut(events: EventArray, first: int) -> Iterator[EventArray]:
 
 
 class Pace:
-    """Says when a packet may be sent.
+    """Decides when a packet may be sent.
 
-    With rate > 0 by the wall clock; with rate 0 when less than `in_flight_ns` of sensor time is under way.
+    With rate > 0 by the wall clock; with rate 0 while at most `in_flight_ns` of sensor time is not acknowledged.
     """
 
     def __init__(self, rate: float, in_flight_ns: int, stall_s: float) -> None:
@@ -81,9 +81,9 @@ class Pace:
         self._progress = 0.0
 
     def delay(self, t: int, now: float) -> float:
-        """Seconds of wall time to wait before sending events that begin at `t` ns; 0: send. now: wall time, s.
+        """Return the wall time in s to wait before sending events that begin at `t` ns; 0: send. now: wall time, s.
 
-        Raises ReplayError when nothing was acknowledged for too long.
+        Raises ReplayError when no event was acknowledged for `stall_s`.
         """
         if self._start is None:
             self._start, self._acknowledged, self._progress = (t, now), t, now
@@ -96,15 +96,15 @@ class Pace:
         return 0.05
 
     def sensor_time(self, now: float) -> int:
-        """Sensor time in ns that belongs to the wall time `now`, with rate > 0, once `delay` has been called."""
+        """Return the sensor time in ns at the wall time `now`, s; for rate > 0, after the first call of `delay`."""
         assert self._start is not None
         return self._start[0] + round((now - self._start[1]) * self._rate * NS_PER_S)
 
     def sent(self, t: int) -> None:
-        """Note that events up to `t` ns are under way."""
+        """Note that events up to `t` ns have been sent."""
         self._sent = t
 
     def acknowledged(self, t: int, now: float) -> None:
-        """Note that events before `t` ns have been worked on."""
+        """Note that events before `t` ns have been processed."""
         if t > self._acknowledged:
             self._acknowledged, self._progress = t, now

@@ -1,1 +1,1 @@
-"""The result of a run as a ROS 2 bag: what a live run would have published."""
+"""The result of a run as a ROS 2 bag, with the messages that a live run publishes."""

@@ -1,7 +1,7 @@
-"""CDR (XCDR1, little-endian) of ROS messages, by the field types that their classes tell.
+"""CDR serialisation (XCDR1, little-endian) of ROS messages, by the field types of their classes.
 
-`rclpy.serialization` leaves the bytes between aligned values as they were in memory, so that the same message comes out
-differently from run to run. Here they are zero.
+`rclpy.serialization` does not set the padding between aligned values, so that the bytes of a message differ from run to
+run. Here the padding is zero.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _CODES = {
     "float": "f",
     "double": "d",
 }
-"""Letters that `struct` and NumPy have for plain types."""
+"""Letters for plain types in `struct` and NumPy."""
 
 _COLLECTION = re.compile(r"sequence<(?P<item>[^,]+)(?:, *\d+)?>|(?P<element>.+)\[\d+\]")
 _COUNT = Struct("<I")
@@ -57,7 +57,7 @@ def _fields(kind: Any) -> list[tuple[str, Append]]:
 
 @cache
 def _appender(form: str) -> Append:
-    """Return what appends a field of a type as ROS writes it: `double`, `sequence<std_msgs/Header>`, `float[9]`."""
+    """Return a function that appends a field. form: its ROS type, `double`, `sequence<std_msgs/Header>`, `float[9]`."""
     collection = _COLLECTION.fullmatch(form)
     if collection is None:
         return _single(form)

@@ -1,4 +1,4 @@
-"""Pictures of the events of a stream, kept until the motion to be drawn into them is known."""
+"""Images of the events of a stream, stored until the motion is known that is drawn into them."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from esfo_frontend.overlay import Canvas
 
 
 class Frames:
-    """One picture per period that has events, counted from the first event; in a file without a name, not in memory.
+    """One image for each period with events, counted from the first event; stored in a temporary file.
 
     Iterating yields the end of the period in ns, and the levels (height, width) of its `Canvas`.
     """
 
     def __init__(self, width: int, height: int, period_ns: int, folder: Path) -> None:
-        """folder: where there is room for `width` x `height` bytes per picture."""
+        """folder: of the temporary file, which takes `width` x `height` bytes per image."""
         self._shape, self._period = (height, width), period_ns
         self._canvas = Canvas(width, height)
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, closed by `close`
@@ -49,7 +49,7 @@ class Frames:
             yield end, np.frombuffer(data, np.uint8).reshape(self._shape)
 
     def close(self) -> None:
-        """Give the room back."""
+        """Delete the temporary file."""
         self._file.close()
 
     def _keep(self) -> None:

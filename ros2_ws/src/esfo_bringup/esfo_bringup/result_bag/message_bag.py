@@ -13,14 +13,14 @@ from esfo_ros.topics import Topic
 
 
 class MessageBag:
-    """Writes messages of topics as the nodes name them, in the root namespace. Raises RecordingError as `BagWriter`."""
+    """Writes messages on the topics of the nodes, in the root namespace. Raises RecordingError as `BagWriter`."""
 
     def __init__(self, path: Path) -> None:
         self._writer = BagWriter(path, compress=True)
         self._numbers: dict[str, int] = {}
 
     def add_topics(self, topics: Iterable[Topic]) -> None:
-        """Add topics, which stay empty if nothing is published on them."""
+        """Add topics; one without messages stays empty."""
         for topic in topics:
             self._numbers[topic.name] = self._writer.add_topic(bag_topic(topic))
 
@@ -29,9 +29,9 @@ class MessageBag:
         self._writer.write(self._numbers[topic], t, serialise(message))
 
     def finish(self) -> None:
-        """End the bag and give it its name."""
+        """Complete the bag and give it its name."""
         self._writer.finish()
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Delete the bag unless it is complete."""
         self._writer.discard()

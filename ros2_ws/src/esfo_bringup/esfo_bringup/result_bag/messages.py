@@ -1,4 +1,4 @@
-"""Topics of a result bag: those of the nodes, with the definitions of their messages as they are installed."""
+"""Topics of a result bag: those of the nodes, with the installed definitions of their messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STREAM_TOPICS = (
     *FrontendNode.OUTPUTS,
     Topic("/diagnostics", DiagnosticArray, reliable(10), "state of every node"),
 )
-"""What is published but for the back-end's; without `/clock`, which whoever plays a bag publishes."""
+"""Topics of all nodes but the back-end; without `/clock`, which the player of a bag publishes."""
 
 _SEPARATOR = 80 * "="
 _FIELD_TYPE = re.compile(r"^\s*([A-Za-z][\w/]*)[^\s=]*\s+\w+", re.MULTILINE)
@@ -28,7 +28,7 @@ _PLAIN = re.compile(r"bool|byte|char|w?string|u?int(8|16|32|64)|float(32|64)")
 
 
 def bag_topic(topic: Topic) -> BagTopic:
-    """Return a node's topic as a bag has it, in the root namespace."""
+    """Return a node's topic as a topic of a bag, in the root namespace."""
     package = topic.kind.__module__.split(".")[0]
     kind = f"{package}/msg/{topic.kind.__name__}"
     description = json.loads(_share(kind, "json").read_text())
@@ -44,7 +44,7 @@ def bag_topic(topic: Topic) -> BagTopic:
 
 
 def definition(kind: str) -> str:
-    """Return the text of a message type as installed, followed by those of all types within it, as rosbag2 has it."""
+    """Return the installed definition of a message type, then those of all types in it, in the form of rosbag2."""
     texts: dict[str, str] = {}
     wanted = [kind]
     while wanted:
@@ -57,7 +57,7 @@ def definition(kind: str) -> str:
 
 
 def _inner(text: str, package: str) -> list[str]:
-    """Types of the fields of a definition that are messages themselves."""
+    """Types of the fields of a definition that are themselves messages."""
     found = []
     for name in _FIELD_TYPE.findall(text):
         if not _PLAIN.fullmatch(name):

@@ -1,4 +1,4 @@
-"""result.mcap, as far as it can be written: without ROS messages, or on a full disk, the run goes on without it."""
+"""Writing of result.mcap; without ROS messages, or on a full disk, the run continues without it."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ CONTENTS: tuple[Content, ...] = ("all", "no-events", "none")
 NAME = "result.mcap"
 
 _MOST_WAITING = 200
-"""Chunks that may wait for the bag; then the run waits."""
+"""Chunks that may wait to be written; beyond, the run waits."""
 
 
 class EventRecorder(Protocol):
-    """Writes a bag: `esfo_bringup.result_bag.recorder.Recorder`, which needs the ROS messages."""
+    """Writes a bag; `esfo_bringup.result_bag.recorder.Recorder` does, which needs the ROS messages."""
 
     def add(self, events: EventArray, output: FrontendOutput, health: HealthReport | None) -> None:
-        """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
+        """Write events (N,), which follow the earlier ones, what they settled, and the health of the stream."""
 
     def finish(self, result: RunResult) -> None:
-        """Write what the run came to and end the bag."""
+        """Write the result of the run and complete the bag."""
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Delete the bag unless it is complete."""
 
 
 MakeRecorder = Callable[[Path, Source, bool], EventRecorder]
-"""Begins a bag at a path, of a source, with its events or without them. ImportError: ROS messages are missing."""
+"""Begins the bag of a source at a path, with or without events. Raises ImportError without ROS messages."""
 
 
 class _Piece(NamedTuple):
@@ -49,7 +49,7 @@ class _Piece(NamedTuple):
 
 
 def bag_path(folder: Path, source: Source) -> Path:
-    """Return the path of the bag among the results. Raises CommandError when the recording is this very file."""
+    """Return the path of the bag in the folder of results. Raises CommandError when it is that of the recording."""
     path = folder / NAME
     if path.resolve() == source.recording.path.resolve():
         raise CommandError(f"{path} is the recording: choose another folder for the results")
@@ -57,16 +57,14 @@ def bag_path(folder: Path, source: Source) -> Path:
 
 
 class ResultBag:
-    """The bag of one run, at `path`, written by a thread of its own while the run goes on.
+    """The bag of one run, at `path`, written by a separate thread during the run.
 
-    At the end of the `with` block it is there, or `problem` says in one line why not. Nothing is left of a bag that was
-    not finished, nor of that of an earlier run.
+    After the `with` block the bag exists, or `problem` says in one line why not. An incomplete bag and the bag of an
+    earlier run are deleted.
     """
 
     def __init__(self, folder: Path, source: Source, content: Content, make_recorder: MakeRecorder) -> None:
-        """Begin the bag in the folder, which is made. content: what goes into it.
-
-        make_recorder: called in the thread that writes.
+        """Begin the bag in the folder, which is created. content: what to write. make_recorder: called by the thread.
 
         Raises CommandError as `bag_path`.
         """
@@ -80,11 +78,11 @@ class ResultBag:
         self._work = self._pool.submit(self._record_all)
 
     def add(self, events: EventArray, output: FrontendOutput) -> None:
-        """Take in events (N,), following earlier ones, and what they settled."""
+        """Write events (N,), which follow the earlier ones, and what they settled."""
         self._queue.put(_Piece(events, output, self._health.add(events, output)))
 
     def finish(self, result: RunResult) -> None:
-        """Write what the run came to and end the bag."""
+        """Write the result of the run and complete the bag."""
         self._queue.put(result)
 
     def __enter__(self) -> ResultBag:
@@ -102,7 +100,7 @@ class ResultBag:
             self.path.unlink(missing_ok=True)
 
     def _record_all(self) -> None:
-        """Empty the queue up to its end, whatever happens: the run must not wait for room in it."""
+        """Write the bag, and empty the queue also after an error: the run must not wait for it."""
         try:
             if self._content != "none":
                 self._record()

@@ -1,7 +1,7 @@
-"""Writes what an offline run came to as the messages that a live run publishes.
+"""Writes the result of an offline run as the messages that the back-end publishes in a live run.
 
-The motion is known only at the end, but for all times: orbit, spin rate, markers and calibration stand at the beginning
-of the bag and again at its end, pose and points all over it.
+The motion is known only at the end of the run, but for all times: orbit, spin rate, markers and calibration are written
+at the beginning and at the end of the bag, pose and points over its whole length.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from esfo_ros.time_stamps import to_stamp
 
 TF_NS = round(TF_PERIOD_S * NS_PER_S)
 POINTS_NS = 3 * TF_NS
-"""Viewers place a cloud by its own stamp alone: it is repeated, so that they see it turn."""
+"""Viewers place a cloud at its stamp only: it is repeated, so that it turns in them."""
 
 CAMERA_FRAME, OBJECT_FRAME = ReplayOptions().frame_id, BackendNodeOptions().object_frame
 
@@ -47,7 +47,7 @@ def write_outcome(
     frames: ends of periods, ns, each with the levels of its `Canvas`. span: times of the first and the last event, ns.
     """
     first, last = span
-    estimate = replace(result.estimate, timing_s={})  # the same recording gives the same bag, however long it takes
+    estimate = replace(result.estimate, timing_s={})  # the bag must not depend on how long the run takes
     end = max(last, estimate.t_last)
     bag.add_topics(BackendNode.OUTPUTS)
     _write_estimate(bag, estimate, source, first, last)
@@ -57,11 +57,11 @@ def write_outcome(
 
 
 def _write_estimate(bag: MessageBag, estimate: OrbitEstimate, source: Source, t: int, last: int) -> None:
-    if not source.assumed:  # a guess is not handed on as a calibration
+    if not source.assumed:  # a guess is not published as a calibration
         bag.publish("camera_info", t, camera_info_message(source.camera, CAMERA_FRAME))
     header = header_at(estimate.t_last or last, CAMERA_FRAME)
     for topic, message in estimate_messages(estimate, header, OBJECT_FRAME):
-        if topic != "points" or t >= estimate.t_last:  # for points of a time to come there is no pose yet
+        if topic != "points" or t >= estimate.t_last:  # points at a later time would have no pose yet
             bag.publish(topic, t, message)
     verdict = diagnostic_message("/backend", to_stamp(t), {}, verdict_values(estimate))
     bag.publish("/diagnostics", t, verdict)
@@ -92,6 +92,6 @@ def _write_overlay(
 
 
 def _between(tracks: Tracks, after: int, until: int) -> Tracks:
-    """Rows of (after, until] of tracks that are ordered by time."""
+    """Rows of tracks, ordered by time, with times in (after, until]."""
     low, high = np.searchsorted(tracks.t, [after, until], side="right")
     return tracks.select(np.arange(low, high))

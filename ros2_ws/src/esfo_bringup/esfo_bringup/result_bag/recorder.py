@@ -1,4 +1,4 @@
-"""Records the stream of an offline run as the messages that a live run publishes."""
+"""Writes the stream of an offline run as the messages that a live run publishes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ CAMERA_FRAME = ReplayOptions().frame_id
 
 
 class Recorder:
-    """Writes all topics of a live run into one bag, in sensor time: events and tracks as they stream.
+    """Writes all topics of a live run into one bag, in sensor time: the stream during the run, the result at its end.
 
-    Raises RecordingError when the file cannot be written, EsfoError for times that ROS cannot express.
+    Raises RecordingError when the file cannot be written, EsfoError for times that a ROS stamp cannot hold.
     """
 
     def __init__(self, path: Path, source: Source, events: bool) -> None:
-        """events: write them too, in packets as the replay sends them."""
+        """events: write them, in the packets of the replay."""
         self._source, self._with_events = source, events
         self._size = (source.recording.width, source.recording.height)
         self._frames = Frames(*self._size, FRAME_NS, path.parent)
@@ -42,7 +42,7 @@ class Recorder:
         self._last = self._packets = 0
 
     def add(self, events: EventArray, output: FrontendOutput, health: HealthReport | None) -> None:
-        """Take in events (N,), following earlier ones, what they settled, and how the stream does."""
+        """Write events (N,), which follow the earlier ones, what they settled, and the health of the stream."""
         if len(events):
             self._first = int(events["t"][0]) if self._first is None else self._first
             self._last = int(events["t"][-1])
@@ -56,14 +56,14 @@ class Recorder:
             self._bag.publish("/diagnostics", health.t, status)
 
     def finish(self, result: RunResult) -> None:
-        """Write what the run came to and end the bag. The recording had events."""
+        """Write the result of the run and complete the bag. The recording had events."""
         assert self._first is not None
         write_outcome(self._bag, result, self._source, self._frames, (self._first, self._last))
         self._bag.finish()
         self._frames.close()
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Delete the bag unless it is complete."""
         self._bag.discard()
         self._frames.close()
 

@@ -1,4 +1,4 @@
-"""State of the stream of events of an offline run, second by second, for the diagnostics of a bag."""
+"""Health of the event stream of an offline run, once a second, for /diagnostics in a bag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PERIOD_NS = NS_PER_S
 
 @dataclass(frozen=True)
 class HealthReport:
-    """State at the sensor time `t` in ns. problems: what went wrong in the second before; counts since the start."""
+    """State at the sensor time `t` in ns. problems: losses in the second before, by kind; counts: since the start."""
 
     t: int
     problems: dict[str, str]
@@ -22,7 +22,7 @@ class HealthReport:
 
 
 class StreamHealth:
-    """Counts what came in and went out, and what the reader of the recording lost."""
+    """Counts events and observations, and what the reader of the recording lost."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
@@ -31,7 +31,7 @@ class StreamHealth:
         self._reported_losses: Mapping[str, int] = {}
 
     def add(self, events: EventArray, output: FrontendOutput) -> HealthReport | None:
-        """Take in a chunk, and what it settled; return a report when a second is over."""
+        """Count a chunk of events (N,) and what it settled; return a report once a second."""
         self._events += len(events)
         self._observations += len(output.tracks.observations)
         if not len(events):

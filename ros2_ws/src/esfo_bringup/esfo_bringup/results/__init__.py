@@ -1,1 +1,1 @@
-"""What a run leaves behind: files, figures, report, summary."""
+"""Result files of a run: orbit, points, tracks, figures and report."""

@@ -1,4 +1,4 @@
-"""Events of a stream gathered for a picture: all of them, and those of one moment."""
+"""Event counts per pixel for figures: of a whole stream, and of one moment."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ LONGEST_MOMENT_NS = 100_000_000
 class EventImage:
     """Counts the events of a stream per pixel and keeps those of a moment in its second quarter.
 
-    The end of a stream is not known while it lasts. So moments begin after 1, 2, 4, ... times `LONGEST_MOMENT_NS`, and
-    the last two are kept: the last but one begins after a quarter to a half of what has come so far. Memory does not
-    grow with the stream.
+    The duration of the stream is not known in advance. Moments therefore begin after 1, 2, 4, ... times
+    `LONGEST_MOMENT_NS`, and the last two are kept: the last but one begins after a quarter to a half of the stream so
+    far. Memory does not grow with the stream.
 
     counts: (2, height, width) uint32 by polarity, all events.
     """
@@ -27,10 +27,10 @@ class EventImage:
         self._moments: tuple[list[EventArray], list[EventArray]] = ([], [])
 
     def add(self, events: EventArray) -> None:
-        """Take in events (N,), time-sorted and following earlier ones."""
+        """Count events (N,), sorted by time, which follow the earlier ones."""
         if not len(events):
             return
-        np.add.at(self.counts.reshape(-1), self._flat(events), np.uint32(1))  # an int would take the slow way
+        np.add.at(self.counts.reshape(-1), self._flat(events), np.uint32(1))  # np.add.at is slower with a Python int
         if self._first is None:
             self._first = int(events["t"][0])
             self._starts = (self._first, self._first)

@@ -27,7 +27,7 @@ _POINT_COLOUR = "#2ca02c"
 
 
 def draw_events(result: RunResult, camera: Camera, event_image: EventImage, path: Path) -> None:
-    """Draw the events of a moment with the projected points, all events with the axis, and the structure."""
+    """Draw the events of a moment with the projected points, all events with the axis, and the points."""
     estimate = result.estimate
     spin = estimate.spin
     duration = LONGEST_MOMENT_NS
@@ -55,7 +55,7 @@ def draw_events(result: RunResult, camera: Camera, event_image: EventImage, path
 
 
 def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
-    """Draw the rate over time beside the estimate, and how well the points fit. The result has a motion."""
+    """Draw the rate over time with the estimate, and the reprojection errors of the points. The result has a motion."""
     estimate, spin = result.estimate, result.estimate.spin
     assert spin is not None
     figure = Figure(figsize=(14.0, 3.4), layout="constrained")
@@ -72,7 +72,7 @@ def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
             t, line - 3 * estimate.rate_std_hz, line + 3 * estimate.rate_std_hz, color=_AXIS_COLOUR, alpha=0.2
         )
     shown = np.concatenate([rates.rate_hz, line])
-    least = _LEAST_RATE_RANGE * spin.rate_hz  # so that noise of the check does not fill the panel
+    least = _LEAST_RATE_RANGE * spin.rate_hz  # so that noise does not fill the panel
     rate.set_ylim(min(shown.min(), line.min() - least), max(shown.max(), line.max() + least))
     rate.set_xlim(0.0, duration)
     rate.ticklabel_format(axis="y", useOffset=False)
@@ -84,7 +84,7 @@ def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
 
 
 def _image(panel: Axes, counts: NDArray[np.uint32], title: str) -> None:
-    """Off events blue, on events red, on white; the brightest percent saturates."""
+    """Draw off events blue and on events red, on white; the brightest percent saturates."""
     strength = np.log1p(counts)
     positive = strength[strength > 0]
     strength /= np.percentile(positive, 99) if len(positive) else 1.0
@@ -104,7 +104,7 @@ def _points(panel: Axes, estimate: OrbitEstimate, camera: Camera, t: int) -> Non
 
 
 def _structure(panel: Axes, estimate: OrbitEstimate) -> None:
-    """Distance from the axis over height along it: a turned object folds onto its profile."""
+    """Draw the points by distance from the axis and height along it: a rotating object shows its profile."""
     assert estimate.spin is not None
     X = estimate.points @ object_frame(estimate.spin.axis)
     panel.scatter(np.hypot(X[:, 0], X[:, 1]), X[:, 2], s=8, c=estimate.point_observations, cmap="viridis")

@@ -1,4 +1,4 @@
-"""What a run leaves behind: orbit.json, points.ply, tracks.csv, axis.png, checks.png and report.html."""
+"""The files of a result: orbit.json, points.ply, tracks.csv, axis.png, checks.png and report.html."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from esfo_core.result_files import versions, write_result_files
 def write_results(
     result: RunResult, source: Source, event_image: EventImage, activity: Sequence[Activity], folder: Path
 ) -> None:
-    """Write all files but result.mcap into `folder`, which is made; points.ply only where there are points.
+    """Write all files but result.mcap into `folder`, which is created; points.ply only where there are points.
 
     event_image, activity: of the events of the source.
 

@@ -1,6 +1,6 @@
-"""Spin rate over the time of a recording, from the event stream alone: how long each moment takes to come round again.
+"""Spin rate over the time of a recording, from the event stream alone: the time until each moment recurs.
 
-A check by eye of what the estimate assumes. No track, point or axis goes into it.
+It shows whether the rate is constant, as the estimate assumes; no track, point or axis is used.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ _PER_TURN = 8
 _LEAST_BINS = 12
 _MOST = 160
 _REACH = 0.15
-"""Largest departure from the rate that is looked for, relative."""
+"""Half width of the search interval about the rate, relative."""
 
 
 @dataclass(frozen=True)
 class RateOverTime:
-    """Mean rates over turns, rate_hz (K,), and middles of these turns, t_s (K,), s since the start of the activity."""
+    """Mean rates of single turns, rate_hz (K,), and middles of these turns, t_s (K,), s since the start of activity."""
 
     t_s: NDArray[np.float64]
     rate_hz: NDArray[np.float64]
 
 
 def rate_over_time(activity: Activity, rate_hz: float) -> RateOverTime:
-    """Find, for moments an eighth of a turn long, the lag near one turn at which the images are most alike.
+    """Find, for moments of an eighth of a turn, the lag near one turn with the highest correlation.
 
-    rate_hz: rate about which is searched. Moments without a maximum within reach are left out, so K may be 0.
+    rate_hz: centre of the search. Moments without a maximum inside the search interval are left out, so K may be 0.
     """
     features = features_of(counts_of(activity))
     per_second = NS_PER_S / activity.bin
@@ -52,7 +52,7 @@ def rate_over_time(activity: Activity, rate_hz: float) -> RateOverTime:
 
 
 def _lag(features: NDArray[np.float64], rows: slice, lags: NDArray[np.int64]) -> float | None:
-    """Lag in bins of the best correlation of the rows with later ones, between bins by a parabola; None at the ends."""
+    """Lag in bins of the best correlation of the rows with later ones, refined by a parabola; None at the ends."""
     now = features[rows]
     later = np.stack([features[rows.start + lag : rows.stop + lag] for lag in lags])
     energy = (later**2).sum(axis=(1, 2))

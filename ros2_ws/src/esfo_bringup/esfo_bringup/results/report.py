@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs nothing beside it."""
+"""The report of a run: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ td, th {{ padding: .2rem 1.2rem .2rem 0; text-align: left; vertical-align: top; 
 
 
 def write_report(result: RunResult, source: Source, versions: Mapping[str, str], folder: Path) -> None:
-    """Write `report.html`; reads `axis.png` and, where there is one, `checks.png` from the same folder."""
+    """Write `report.html`, with `axis.png` and, where it exists, `checks.png` from the same folder."""
     estimate = result.estimate
     page = _PAGE.format(
         title=escape(f"Spin of {source.recording.path.name}"),
@@ -66,10 +66,10 @@ def _checks(picture: Path) -> str:
         return ""
     return (
         f'<h2>Checks</h2><p><img alt="Spin rate over time, fit of the points" src="{_embedded(picture)}"></p>'
-        "<p>Left: by the time that each moment of the event stream takes to come round again. No track, point or axis "
-        "goes into it. Single turns are less precise than the estimate, but a slope or a wave means that the motion is "
-        "not one constant spin. Right: points beyond a pixel or two are no fixed points of the object, or seen badly."
-        "</p>"
+        "<p>Left: spin rate of single turns, from the correlation of the event stream with itself one turn later; no "
+        "track, point or axis is used. It is less precise than the estimate, but a slope or an oscillation shows that "
+        "the spin rate is not constant. Right: points with an error of more than one or two pixels are not fixed to "
+        "the object, or were observed badly.</p>"
     )
 
 
@@ -80,7 +80,7 @@ def _alternatives(estimate: OrbitEstimate) -> str:
         (a.kind, f"{a.rate_hz:.4f} Hz, " + (f"{a.score_ratio:.2f} times worse" if a.score_ratio else ""))
         for a in estimate.alternatives
     ]
-    return f"<h2>Other explanations considered</h2><table>{_table(rows)}</table>"
+    return f"<h2>Alternative explanations</h2><table>{_table(rows)}</table>"
 
 
 def _table(rows: Iterable[tuple[str, str]]) -> str:

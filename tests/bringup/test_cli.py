@@ -110,7 +110,7 @@ def test_tracks_alone(capsys, tmp_path):
 
 
 def test_guessed_intrinsics_are_named(capsys, tmp_path, recording, monkeypatch):
-    from esfo_bringup.offline import pipeline as offline
+    from esfo_bringup.offline import source as offline
 
     opened = offline.open_recording(recording)
     opened.camera = None

@@ -6,11 +6,27 @@ import pytest
 from esfo_core.events import empty_events, make_events
 from esfo_core.tracks import Tracks
 from esfo_frontend.association.corner_association import CornerAssociation
-from esfo_frontend.clustering.track_windows import PRIOR_DEGREES
+from esfo_frontend.association.kernels import Limits, set_deadline, update_track
+from esfo_frontend.association.track_table import SHARED_DTYPE, TRACK_DTYPE
+from esfo_frontend.clustering.track_windows import sigma_of_mean
 from esfo_frontend.options import AssociationOptions, TrackOptions
 
 MS = 1_000_000
 SIZE = (120, 90)
+
+# Constants of the method, from their derivations and not from the code.
+SPEED_STEP = 1 + 1 / 500
+"""500 corners that are all faster than the typical speed raise it by a factor of e: twice that is its memory."""
+SLOWEST = 0.1
+"""A track that stands still forgets its corners ten times more slowly than one with the typical speed."""
+CHANCE_PX2 = 1.0**2 + 1.0**2
+"""Corners scatter by 1 px in both coordinates: the path that this scatter explains by chance, squared."""
+LEAST_FOR_VELOCITY = 4
+"""A line has two unknowns in each coordinate; below twice as many corners the velocity stays 0."""
+UNPROVEN = 0.5
+"""A track without an id may coast half as far as one with an id."""
+PRIOR_DEGREES = 2 * 4 - 4
+"""The expected scatter counts as much as a row of four corners: eight coordinates less the four unknowns of a line."""
 
 
 class PlainTrack:
@@ -32,10 +48,10 @@ class PlainTrack:
         x = np.array([c[2] for c in self.corners])
         mean_t, mean_x = np.average(t, weights=w), np.average(x, axis=0, weights=w)
         spread = (w * (t - mean_t) ** 2).sum()
-        if spread > 0 and len(t) > 3:
+        if spread > 0 and len(t) >= LEAST_FOR_VELOCITY:
             v = (w * (t - mean_t)) @ (x - mean_x) / spread
             explained = v @ v * spread
-            self.velocity = v * explained / (explained + 2)
+            self.velocity = v * explained / (explained + CHANCE_PX2)
         self.place = mean_x - self.velocity * mean_t
 
 
@@ -65,7 +81,7 @@ class PlainAssociation:
             track = PlainTrack(c, self.born)
             self.born += 1
             self.alive.append(track)
-        motion = max(np.linalg.norm(track.velocity), 0.1 * self.speed) * (c[3] - track.t) / 1e9
+        motion = max(np.linalg.norm(track.velocity), SLOWEST * self.speed) * (c[3] - track.t) / 1e9
         track.fit(c, np.exp(-motion / self.o.memory))
         self.plan(track)
         self.row(track, c, rows)
@@ -74,10 +90,10 @@ class PlainAssociation:
     def plan(self, track):
         speed, coast = np.linalg.norm(track.velocity), self.o.coast
         if track.id < 0:
-            coast /= 2
+            coast *= UNPROVEN
         elif speed > 0:
             self.speed = self.speed or speed
-            self.speed *= 1.002 if speed > self.speed else 1 / 1.002
+            self.speed *= SPEED_STEP if speed > self.speed else 1 / SPEED_STEP
         gaps = [self.o.longest_gap * MS]
         gaps += [1e9 * coast / speed] if speed else []
         gaps += [1e9 * self.o.wait / self.speed] if self.speed else []
@@ -256,6 +272,45 @@ def test_rows_are_moved_ahead_by_the_lag():
     # The direction is that of the track, which 0.7 px of scatter turn by some degrees.
     assert np.abs(moved.uv - still.uv - 2.0 * np.array([0.8, 0.6])).max() < 1.0
     assert np.abs((moved.uv - still.uv).mean(axis=0) - [1.6, 1.2]).max() < 0.1
+
+
+def records(**values):
+    """Return a track with an id and these values, and what the tracks share, as the kernels take them."""
+    track, shared = np.zeros(1, TRACK_DTYPE).view(np.recarray)[0], np.zeros(1, SHARED_DTYPE).view(np.recarray)[0]
+    for name, value in values.items():
+        track[name] = value
+    return track, shared
+
+
+LIMITS = Limits(9.0, 25.0, 5.0, 4.0, 20.0, 1e9, 4.0, 0.0, 6, 4)
+
+
+def test_the_typical_speed_doubles_within_350_faster_corners():
+    track, shared = records(vx=1000.0)
+    shared.speed = 100.0
+    corners = 0
+    while shared.speed < 200.0:
+        set_deadline(track, shared, LIMITS)
+        corners += 1
+    assert corners == np.ceil(500 * np.log(2)) == 347
+
+
+def test_a_track_that_stands_forgets_a_tenth_as_fast_as_a_typical_one():
+    kept = []
+    for vx, typical in ((0.0, 80.0), (8.0, 0.0)):
+        track, shared = records(vx=vx, s1=1.0)
+        shared.speed = typical
+        update_track(track, 0.0, 0.0, 100 * MS, shared, LIMITS)
+        kept.append(track.s1 - 1.0)
+    assert kept == pytest.approx([np.exp(-8.0 * 0.1 / LIMITS.memory)] * 2)
+
+
+def test_the_expected_scatter_counts_as_much_as_a_row_of_four_corners():
+    options = TrackOptions(corner_sigma=2.0, min_sigma=0.3)
+    measured = np.array([0.0, 36.0])  # sums of squared distances from the line, px^2
+    sigma = sigma_of_mean(np.array([4, 4]), measured, np.array([True, True]), options)
+    variance = (2.0**2 + measured / 4) / 2  # the mean of the expected and of the measured variance
+    assert sigma == pytest.approx(np.sqrt(0.3**2 + variance / 4))
 
 
 def test_memory_is_that_of_the_living_tracks():

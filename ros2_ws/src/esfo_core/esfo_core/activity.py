@@ -1,4 +1,4 @@
-"""Coarse event counts in space and time: enough to find the period, a thousandth of the data."""
+"""Event counts on a coarse grid of space and time, from which the period is found; a thousandth of the data."""
 
 from __future__ import annotations
 

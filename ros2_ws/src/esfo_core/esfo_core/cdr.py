@@ -1,4 +1,4 @@
-"""CDR, the serialised form of ROS 2 messages: the few kinds of fields that messages of events are made of."""
+"""Reader of CDR, the serialised form of ROS 2 messages, for the types of fields in messages of events."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors that users can cause and understand; everything else is a bug and keeps its traceback."""
+"""Errors that a user can cause and correct; any other exception is a bug and keeps its traceback."""
 
 
 class EsfoError(Exception):
@@ -22,4 +22,4 @@ class OptionError(EsfoError):
 
 
 class SimulationError(EsfoError):
-    """A simulated scene is impossible as asked for."""
+    """A simulated scene is impossible with these options."""

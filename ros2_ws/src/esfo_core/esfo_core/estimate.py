@@ -1,4 +1,4 @@
-"""What the back-end publishes and what `esfo run` writes: one result type for the live and the offline way."""
+"""The estimate of an orbit, which the back-end publishes and `esfo run` writes."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class RateEstimate:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another explanation of the data that was considered.
+    """An alternative solution that was considered.
 
     kind: `harmonic` (another period of the event stream), `mirror` or `axis` (another optimum of the same rate).
     rate_hz: its rate. axis: (3,) its axis; zeros where only a rate was considered.
-    score_ratio: how well it does compared with the published one, 1 = equally well, larger = worse:
+    score_ratio: its fit compared with the published solution, 1 = equally good, larger = worse:
     correlation(published) / correlation(alternative) for a harmonic, robust cost ratio otherwise.
     """
 
@@ -49,7 +49,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class OrbitEstimate:
-    """Spin, structure and how far to trust them.
+    """Spin and structure, with their uncertainty and a verdict.
 
     status: `ok` (the whole orbit can be trusted), `degenerate` (something named in flags is not observable) or `failed`
     (no rate; reason says why). level: how much is known.
@@ -95,7 +95,7 @@ class OrbitEstimate:
     def axis_std_deg(self) -> float:
         """Standard deviation of the axis direction in degrees: root of the larger eigenvalue of axis_cov.
 
-        NaN where axis_cov is not finite: the eigenvalues of such a matrix come out as anything, zeros among them.
+        NaN where axis_cov is not finite, because the eigenvalues of such a matrix are arbitrary.
         """
         if not np.isfinite(self.axis_cov).all():
             return math.nan
@@ -103,7 +103,7 @@ class OrbitEstimate:
 
     @staticmethod
     def failure(reason: str, **known: object) -> OrbitEstimate:
-        """Return an estimate that says why there is none; `known` may set tracks, observations, flags and so on."""
+        """Return a failed estimate with its reason; `known` may set other fields, such as tracks or flags."""
         values: dict[str, object] = {
             "status": "failed",
             "flags": (),
@@ -124,7 +124,7 @@ class OrbitEstimate:
         return OrbitEstimate(**{**values, **known})  # type: ignore[arg-type]
 
     def to_json(self, versions: dict[str, str]) -> dict[str, object]:
-        """Return the content of `orbit.json`, always with the same keys; what does not exist is null, never NaN.
+        """Return the content of `orbit.json`, always with the same keys; null stands for values that do not exist.
 
         Lengths (`center`, `radius`, `orbit`) are in units of `scale`, angles in degrees, times in ns or s as named.
         """

@@ -133,5 +133,5 @@ def tangent_basis(axis: Vector) -> Matrix:
 
 
 def angle_between(a: Vector, b: Vector) -> float:
-    """Angle between two vectors (3,) in degrees, exact for small angles too."""
+    """Angle between two vectors (3,) in degrees, accurate also for small angles."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))

@@ -1,4 +1,4 @@
-"""Messages of events, as they come from a topic or a bag: `EventPacket`, and arrays of one element per event."""
+"""Messages of events from a topic or a bag: `EventPacket`, and arrays with one element per event."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from esfo_core.events import NS_PER_S
 
 EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
 OLD_EVENT_PACKET = "event_array_msgs/msg/EventArray"
-"""What `EventPacket` was called at first, with the same fields."""
+"""The former name of `EventPacket`, with the same fields."""
 
 EVENT_ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray", "dv_ros2_msgs/msg/EventArray")
 """Types with the fields of `dvs_msgs/EventArray`, here under the names of ROS 2."""

@@ -1,4 +1,4 @@
-"""Point clouds as PLY files, without the mesh library: that takes longer to load than an orbit to solve."""
+"""Point clouds as PLY files, without the mesh library, which is slow to load."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of a result: orbit.json, points.ply and tracks.csv, the same from a command and from a node."""
+"""The files of a result, as the command and the back-end node write them: orbit.json, points.ply and tracks.csv."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _LIBRARIES = ("numpy", "numba", "hdbscan", "gtsam", "pycolmap")
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that may change a number in the result."""
+    """Versions of all packages that may change a number in the result."""
     return {"esfo": __version__, "python": python_version(), **{name: metadata.version(name) for name in _LIBRARIES}}
 
 
 def write_result_files(folder: Path, estimate: OrbitEstimate, tracks: Tracks) -> None:
-    """Write all files into `folder`, which is made; points.ply only where there are points.
+    """Write all files into `folder`, which is created; points.ply only where there are points.
 
     Raises EsfoError when that cannot be done.
     """

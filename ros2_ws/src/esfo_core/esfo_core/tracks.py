@@ -1,4 +1,4 @@
-"""Feature tracks: the only thing that the back-end learns about the shape of the object."""
+"""Feature tracks, from which the back-end estimates the structure."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Tracks:
         return Tracks(self.track_id[rows], self.t[rows], self.uv[rows], self.sigma[rows])
 
     def sorted(self) -> Tracks:
-        """Return the rows ordered by track, then time: the same table whatever order rows arrived in."""
+        """Return the rows ordered by track, then time: the table does not depend on the order of arrival."""
         return self.select(np.lexsort((self.sigma, self.uv[:, 1], self.uv[:, 0], self.t, self.track_id)))
 
     def write_csv(self, path: Path) -> None:
@@ -135,7 +135,7 @@ def _row(path: Path, line: int, texts: list[str]) -> tuple[int, int, tuple[float
 
 @dataclass(frozen=True)
 class TrackUpdate:
-    """What the front-end learnt since its last update.
+    """Changes of the tracks since the last update.
 
     observations: new rows of living tracks; ended: (K,) uint32 ids that will get no further row.
     """

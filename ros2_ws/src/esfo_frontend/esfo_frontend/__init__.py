@@ -1,3 +1,3 @@
-"""Event tracking by clustering: events in, corner clusters and feature tracks out."""
+"""Front-end: detects corners in a stream of events and tracks them as features."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""Activity of the stream, counted bin by bin as the bins complete."""
+"""Event counts of the stream in space and time, given out bin by bin."""
 
 from __future__ import annotations
 

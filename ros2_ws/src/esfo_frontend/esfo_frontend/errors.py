@@ -4,4 +4,4 @@ from esfo_core.errors import EsfoError
 
 
 class FrontendError(EsfoError):
-    """Events do not form one stream of this sensor: back in time, outside the image, or not a polarity."""
+    """Events are not a stream of this sensor: time goes back, or a pixel or polarity is impossible."""

@@ -20,7 +20,7 @@ from esfo_frontend.trackers import PIPELINES, Parts, Pipeline, Statistics, Strea
 
 @dataclass(frozen=True)
 class FrontendOutput:
-    """What the events of one call settled.
+    """Corners, tracks and activity that the events of one call settled.
 
     corners: in order of time. With the paper's stages, those that passed the density filter, with their final clusters;
     with association all corners, with their tracks, NO_LABEL as long as a track has no row.

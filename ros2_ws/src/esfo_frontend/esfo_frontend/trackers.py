@@ -1,4 +1,4 @@
-"""What lies between corner detection and tracks: the stages of the paper, or association by prediction."""
+"""From corners to tracks: by the stages of the paper, or by association with predictions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Statistics:
     events taken in; corners: detected and worked on; kept: by the density filter; clustered: given out with a cluster
     or track, not as noise; tracks: begun, with at least one row; rows; windows_dropped: had too few corners;
     uncounted_events: missing in the activity, because they share a bin with the end of an earlier stream.
-    speed_px_s: no total but the typical speed of the tracks in the image, by which association adapts; 0: unknown.
+    speed_px_s: not a total, but the typical speed of the tracks in the image, from association; 0: unknown.
     """
 
     events: int = 0
@@ -42,7 +42,7 @@ class Statistics:
 
 
 class Parts:
-    """Results of the slices worked on in one call."""
+    """Results of the slices that one call has processed."""
 
     def __init__(self) -> None:
         self.corners: list[LabelledCorners] = []
@@ -123,7 +123,7 @@ class Pipeline(ABC):
         while t >= self.ready:
             self._next(parts)
             if self.idle:
-                # Nothing but empty slices up to t: a long pause costs no time.
+                # All slices up to t are empty: a long pause takes no time.
                 self._next_slice = max(self._next_slice, (t - self.reach - self._origin) // self._slice)
 
     def _next(self, parts: Parts) -> None:
@@ -184,7 +184,7 @@ class ClusterPipeline(Pipeline):
 
 
 class AssociationPipeline(Pipeline):
-    """Corners straight to tracks, all of them: a track has to prove itself, so that no filter is needed before."""
+    """Association of all corners with tracks; a track needs several corners, so that no filter precedes it."""
 
     def __init__(self, start: StreamStart, options: FrontendOptions, statistics: Statistics) -> None:
         super().__init__(start, options, nanoseconds(options.association.slice), statistics)

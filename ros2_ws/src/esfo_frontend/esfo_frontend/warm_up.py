@@ -1,4 +1,4 @@
-"""Compiling everything before the first live event."""
+"""Compilation of all kernels before the first live event."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WIDTH, HEIGHT = 160, 120
 
 
 def warm_up(options: FrontendOptions) -> None:
-    """Run the front-end on a small scene with corners, clusters and tracks, so that compiling costs no live packet."""
+    """Run the front-end on a small scene with corners, clusters and tracks: live packets then need no compilation."""
     frontend = Frontend(SensorSize(WIDTH, HEIGHT), options)
     frontend.process(drifting_squares(duration_s=0.3))
     frontend.flush()

@@ -1,4 +1,4 @@
-"""What all decoders share: input, counters, and events that leave in time order."""
+"""Base class of the decoders: input, counters, and output in time order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAX_STEP_BACK = 50_000_000
 
 @dataclass
 class DecoderStatistics:
-    """What a decoder has met so far.
+    """Counters of a decoder.
 
     events: events that came out. triggers_rising, triggers_falling: external triggers.
     out_of_range: events outside the sensor, dropped. unsynchronised: events before the first time stamp or address,

@@ -1,4 +1,4 @@
-"""Events that another library has read already, as columns: only their place and order are left to check."""
+"""Events that another library has read, as columns; the decoder checks pixels and order only."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def cdr_size(events: int) -> int:
 
 
 class EventArrayDecoder(Decoder):
-    """What both forms share; they carry no state from one message to the next."""
+    """Base class for both forms; no state is kept between messages."""
 
     def _events(self, pixels: NDArray[Any], times: NDArray[Any]) -> EventArray:
         """Return events from the fields x, y of `pixels` (N,) and sec, nanosec, p of `times` (N,)."""

@@ -1,4 +1,4 @@
-"""Which decoder reads which encoding, and which encoder writes it."""
+"""Decoders and encoders by the name of the encoding."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def decoder(encoding: str, width: int, height: int) -> Decoder:
 
 
 def encoder(encoding: str, round_times: bool = False) -> Callable[[EventArray], tuple[int, bytes]]:
-    """Return what turns the events (N,), N > 0, of the next packet into its time base in ns and its data.
+    """Return a function that encodes the events (N,), N > 0, of the next packet as its time base in ns and its data.
 
     round_times: round times down to what the encoding holds (`evt3`: microseconds) instead of refusing others.
 

@@ -1,4 +1,4 @@
-"""What the decoders of stateful encodings share: each word changes a state or emits events from it."""
+"""Base class of the decoders of stateful encodings: each word changes the state or emits events."""
 
 from __future__ import annotations
 

@@ -27,12 +27,12 @@ UNIT_POWERS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Units of time, as powers of ten in nanoseconds."""
 
 LONGEST_LINE = 4096
-"""Bytes; what has no end within these is no line of events."""
+"""Most bytes in a line of events."""
 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """What the lines of a text hold.
+    """Columns and unit of the lines of a text.
 
     columns: name of each, those of `COLUMNS` once each and others, which are skipped. time_unit: s, ms, us or ns.
     """

@@ -19,7 +19,7 @@ _IS_SEPARATOR = np.isin(np.arange(256), [ord(c) for c in " ,;\t\r"])
 _IS_DIGIT = np.isin(np.arange(256), [ord(c) for c in "0123456789"])
 _MAX_TIME = 2**62
 _ROOM_FOR_DIGIT = (2**63 - 10) // 10  # a number up to this takes one more digit in int64
-_MAX_EXPONENT = 10_000  # larger ones are cut to this: none of both fits
+_MAX_EXPONENT = 10_000  # larger ones are set to this: neither fits the range of times
 _TENS = 10 ** np.arange(19, dtype=np.int64)
 _X, _Y, _P, _T = range(4)
 _HIGHEST = np.array([2**16 - 1, 2**16 - 1, 1, _MAX_TIME])  # by column
@@ -36,7 +36,7 @@ def decode_lines(data, roles, power, state, events):  # type: ignore[no-untyped-
         if kind == _EVENT:
             x, y, p, t = values
             state[POLARITIES] |= 1 if p == 0 else (2 if p < 0 else 0)
-            if state[POLARITIES] == 3:  # 0 and -1 both: no knowing what they mean
+            if state[POLARITIES] == 3:  # 0 and -1 in one stream: their meaning is ambiguous
                 return n, lines, start
             if x >= state[WIDTH] or y >= state[HEIGHT]:
                 state[OUT_OF_RANGE] += 1

@@ -1,1 +1,1 @@
-"""Results beside a truth: orbit, structure and tracks."""
+"""Errors of results against a known truth: orbit, structure and tracks."""

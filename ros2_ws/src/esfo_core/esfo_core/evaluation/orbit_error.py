@@ -1,4 +1,4 @@
-"""Estimate against truth: errors of the rate, the axis and the image of the axis."""
+"""Errors of an estimate against the truth: of the rate, the axis and the image of the axis."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _SCREW_LINE_PART = 0.25  # of the distance to the object, to either side of its 
 
 
 class EvaluationError(EsfoError):
-    """An estimate or a truth lacks what a comparison needs."""
+    """An estimate or a truth lacks a field that the comparison needs."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How far an estimate is from the truth; every error is >= 0.
+    """Errors of an estimate; each is >= 0.
 
     rate_error: relative to the true rate. axis_error_deg: angle between the axes, 180 for the opposite spin.
     screw_line_error_px: mean distance of the true image of the axis from the estimated one (paper, section 6.3),

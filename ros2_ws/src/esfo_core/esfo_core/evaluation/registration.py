@@ -21,12 +21,12 @@ _LEAST_POINTS = 4
 
 
 class RegistrationError(EsfoError):
-    """Points or mesh do not allow a registration."""
+    """The points or the mesh do not determine a registration."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Similarity T (4, 4) that takes the points to the mesh, and the distance (P,) of each from it after that.
+    """Similarity T (4, 4) from the points to the mesh, and the distance (P,) of each point after it.
 
     diameter: largest distance of two vertices' bounding corners of the mesh; both in the units of the mesh.
     """
@@ -67,7 +67,7 @@ class MeshSurface:
 
 
 def register(points: Matrix, estimated: Spin, surface: MeshSurface, true: Spin) -> Registration:
-    """Align (P, 3) points of an estimate with the true surface and measure what is left.
+    """Align (P, 3) points of an estimate with the true surface and measure the remaining distances.
 
     points: camera-aligned, origin at estimated.center. surface: camera-aligned, origin at true.center. Axes are laid
     on one another and the radii of the orbits made equal; from there, at 24 phases, because the phase of an object is a

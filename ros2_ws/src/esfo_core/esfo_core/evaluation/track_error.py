@@ -1,4 +1,4 @@
-"""How true feature tracks are: every track against the fixed point that fits it best under the true poses."""
+"""Errors of feature tracks: each track against the static point that fits it best, given the true poses."""
 
 from __future__ import annotations
 

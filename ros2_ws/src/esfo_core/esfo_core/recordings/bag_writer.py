@@ -73,7 +73,7 @@ class BagWriter:
             self._writer.add_message(topic, t, cdr, t, sequence)
 
     def finish(self) -> None:
-        """End the bag and give it its name."""
+        """Complete the bag and give it its name."""
         try:
             with self._one_kind_of_error():
                 self._writer.finish()  # type: ignore[no-untyped-call]
@@ -83,8 +83,8 @@ class BagWriter:
             self.discard()
 
     def discard(self) -> None:
-        """Remove what has no name yet."""
-        with suppress(OSError):  # what cannot be written on closing is not wanted any more
+        """Delete the file unless it is complete."""
+        with suppress(OSError):  # an error on closing does not matter: the file is deleted
             self._file.close()
         self._part.unlink(missing_ok=True)
 

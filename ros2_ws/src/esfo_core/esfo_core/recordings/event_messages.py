@@ -1,4 +1,4 @@
-"""Messages of events in bags: their readers by type, and whether a bag defines them as these readers have them."""
+"""Messages of events in bags: readers by type, and a check of the definitions in a bag."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ bool polarity
 
 
 def reader_of(kind: str, ros1: bool = False) -> Callable[[bytes], Any]:
-    """Return what reads a serialised message of the type `kind`, those of `SUPPORTED` as a `Packet`.
+    """Return a function that reads a serialised message of the type `kind`; those of `SUPPORTED` become a `Packet`.
 
     It may raise anything for damaged bytes.
     """

@@ -1,4 +1,4 @@
-"""The little of FlatBuffers that AEDAT4 needs: fields of the root table of a buffer with its size in front."""
+"""The part of FlatBuffers that AEDAT4 needs: fields of the root table of a buffer with its size in front."""
 
 from __future__ import annotations
 

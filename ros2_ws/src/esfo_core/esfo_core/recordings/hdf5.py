@@ -107,7 +107,7 @@ def _dsec(file: Any) -> Mapping[str, Any]:
 
 
 def _check(data: Any, times: Any) -> None:
-    """Refuse what would be read wrongly, endlessly or not at all."""
+    """Raise RecordingError for columns that cannot be read correctly."""
     if data.ndim != 1:
         raise RecordingError(f"{data.name} has {data.ndim} dimensions, not one")
     if times.kind not in "iub":

@@ -1,4 +1,4 @@
-"""Finding out what a path holds."""
+"""Opening of a path as a recording, by the format of its contents."""
 
 from __future__ import annotations
 

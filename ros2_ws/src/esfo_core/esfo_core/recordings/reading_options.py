@@ -1,4 +1,4 @@
-"""What a reader cannot always find in a file and the user may say."""
+"""Properties of a recording that the user may give where a file lacks them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from esfo_core.options import option
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Facts for files that do not hold them; the empty value of each leaves it to the reader."""
+    """Properties for files that do not state them; the empty value of each leaves it to the reader."""
 
     width: int = option(0, "sensor width in pixels, for text and HDF5 files; 0: the largest x plus 1", 0, 65536)
     height: int = option(0, "sensor height in pixels, for text and HDF5 files; 0: the largest y plus 1", 0, 65536)

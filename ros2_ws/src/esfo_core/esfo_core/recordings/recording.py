@@ -1,4 +1,4 @@
-"""What every recording offers, whatever its file format."""
+"""Base class of the recordings of all file formats."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from esfo_core.recordings.ordering import TimeOrder
 
 CHUNK_NS = 10_000_000
 MAX_SEGMENTS = 1000
-"""Clocks are set back a few times at most; random bytes are so at every event."""
+"""A clock is set back a few times at most; in random bytes, time steps back at every event."""
 
 
 @dataclass
 class RecordingStatistics:
-    """What reading has met so far.
+    """Counters of reading.
 
     events, events_on: events that came out, and those of them with polarity 1. first_t, last_t: ns, None before the
     first event. packets: packets or blocks decoded. packets_lost: missing by their sequence numbers.

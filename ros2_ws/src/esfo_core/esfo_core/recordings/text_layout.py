@@ -1,4 +1,4 @@
-"""Finding out which column of a text is which, from its first lines."""
+"""Detection of the columns of a text from its first lines."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAMPLE_LINES = 1000
 
 @dataclass(frozen=True)
 class TextStart:
-    """What the first bytes of a text say.
+    """Layout and start of a text, from its first bytes.
 
     layout: of its lines. skip: bytes before the first event line. lines: how many lines these are.
     size: width and height in pixels where the first line gives them, else None.

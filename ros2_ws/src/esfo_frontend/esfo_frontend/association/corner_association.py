@@ -1,9 +1,9 @@
-"""Tracks by association: every corner goes to the track whose predicted place is nearest, in the moment it comes.
+"""Tracks by association: each corner is assigned, when it arrives, to the track with the nearest prediction.
 
 The corners of a feature lie on a narrow path in (x, y, t) whose direction is the feature's velocity. Clusters in a
 space where time has one scale (section 4.2 of the paper) tell neighbouring paths apart only while the image moves
-about as fast as that scale. Here a track predicts where it is, so that all distances are pixels of the image: the same
-options serve every speed, and nothing waits for a chunk of time to be over.
+about as fast as that scale. Here each track predicts its position, so that all distances are pixels of the image: the
+same options hold for every speed, and no corner waits for the end of a chunk.
 
 The scheme is nearest-neighbour data association with a constant-velocity model (Bar-Shalom and Fortmann, Tracking and
 Data Association, 1988); for corner events compare Alzugaray and Chli, "Asynchronous corner detection and tracking for

@@ -1,1 +1,1 @@
-"""The front-end on a live stream: lost packets, clocks, health."""
+"""The front-end on a live stream: lost packets, clock offset, health of the stream."""

@@ -1,4 +1,4 @@
-"""The front-end on a live stream of packets: what can go wrong with them is counted, and the stream goes on."""
+"""The front-end on a live stream of packets; faults of the stream are counted, and processing continues."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from esfo_frontend.online.stream_health import Health, LiveTotals
 from esfo_frontend.options import FrontendOptions, check_for_sensor, check_options
 
 RESTART_NS = NS_PER_S
-"""Time going back by more than this is a new stream (a bag that loops); by less, events that are late.
+"""A step back in time by more than this begins a new stream (a bag that loops); after a smaller one, events are late.
 
 Where the packets are numbered anew as well, `MAX_STEP_BACK` is enough.
 """
 
 MAX_PIXELS = 2**24
-"""Sensors have fewer pixels; a damaged packet may claim any number, for which there is no memory."""
+"""Limit of the sensor size: a damaged packet may state a size that does not fit into memory."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class LiveFrontend:
         self.totals.lost, self.totals.renumbered = self._arrivals.lost, self._arrivals.restarts
 
     def resume(self) -> None:
-        """Go on after a pause in which nobody listened: what was sent meanwhile is not lost."""
+        """Continue after a pause without a subscription: packets sent during it do not count as lost."""
         self._arrivals.forget()
 
     def process(self, packet: Packet) -> Iterator[FrontendOutput]:
@@ -156,7 +156,7 @@ class LiveFrontend:
         return Health.of(self.totals, dropped, self._clock.jumps)
 
     def _prepare(self, form: tuple[int, int, str], turn: Turn) -> Iterator[FrontendOutput]:
-        """Have the decoder and the front-end that packets of `form` need; where there are none, nothing changes."""
+        """Create the decoder and the front-end that packets of `form` need; an error leaves all unchanged."""
         width, height, encoding = form
         if self._decoder is None or form != self._form or turn is Turn.RESTART:
             if width * height > MAX_PIXELS:
@@ -215,7 +215,7 @@ class LiveFrontend:
 
     def _follow_clock(self, events: EventArray, packet: Packet, spent: int) -> None:
         if packet.stamp == 0:
-            return  # a header that nobody filled in
+            return  # the header is not filled in
         first, last = int(events["t"][0]), int(events["t"][-1])
         # Drivers stamp the first event; where events have host times, some stamp another, or the time of sending.
         moment = min(max(packet.stamp, first), last) if packet.host_times else first - spent

@@ -1,4 +1,4 @@
-"""Counts of what a live stream brought, and what went wrong with it, in words."""
+"""Counts of a live stream, and its faults in words."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class LiveTotals:
 
 @dataclass(frozen=True)
 class Health:
-    """State of the stream at one moment; two of them give what happened between.
+    """State of the stream at one moment; the difference of two states gives the faults in between.
 
-    As `LiveTotals` has them, and dropped: packets that the node let go because too many waited; clock_jumps: times
-    that the clocks of sensor and host came apart.
+    Counts as in `LiveTotals`; dropped: packets that the node dropped because too many waited; clock_jumps: jumps
+    between the clocks of sensor and host.
     """
 
     events: int
@@ -53,14 +53,14 @@ class Health:
         return Health(dropped=dropped, clock_jumps=clock_jumps, **{name: getattr(totals, name) for name in counted})
 
     def problems_since(self, earlier: Health, latest_error: str) -> dict[str, str]:
-        """Say what went wrong since `earlier`, one text for each kind."""
+        """Return the faults since `earlier`, one text for each kind."""
         texts = {
             "dropped": "packets dropped: the front-end does not keep up",
             "lost": "packets lost on the way",
             "unreadable": f"packets unreadable, the last: {latest_error}",
             "stale": "packets repeated or overtaken by others, skipped",
-            "restarts": "streams ended, for the time of the events went back",
-            "renumbered": "times the packets were numbered anew: what was lost there is not known",
+            "restarts": "streams ended because the time of the events went back",
+            "renumbered": "restarts of the packet numbers: losses at these are not known",
             "late": "late events dropped",
             "clock_jumps": "jumps between the clocks of sensor and host",
         }

@@ -87,7 +87,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         return worker
 
     def activate(self) -> None:
-        """Take events, once the back-end is there if it has to be."""
+        """Subscribe to the events, after the back-end is present if `wait_for_back_end` is set."""
         self._kind = None
         self._stream.resume()
         self.tick(DRAW_S, self._draw)
@@ -96,7 +96,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         self._connecting = self.tick(CONNECT_S, self._connect)
 
     def clean_up(self) -> None:
-        """Forget the stream; ids of tracks go on, for a back-end may live longer."""
+        """Forget the stream; ids of tracks continue, because the back-end may still run."""
         self._stream.reset()
         self._spin = self._camera = self._overlay = None
 
@@ -109,11 +109,11 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
             self.worker.when_idle(self.live.idle_flush_s, self._flush)
 
     def jobs(self) -> dict[str, Callable[[], str]]:
-        """Return what the services do."""
+        """Return the jobs of the services."""
         return {"~/flush": self._flush, "~/reset": self._reset}
 
     def _connect(self) -> None:
-        """Take events, once the back-end is there if it has to be: whoever sends them sees that all is ready."""
+        """Subscribe to the events when the back-end is present: the publisher then sees that all nodes are ready."""
         if self.live.wait_for_back_end and not self._back_end_listens(self.live.min_listeners):
             return
         self._connecting.cancel()
@@ -150,7 +150,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         try:
             message_type = _import(wanted[0])
         except ImportError:
-            self._complaint = f"events are {wanted[0]}, of which the package is not installed here"
+            self._complaint = f"events are {wanted[0]}, whose package is not installed"
             return
         self._kind, self._asked = wanted
         reliability = ReliabilityPolicy[self._asked.reliability.upper()]
@@ -158,7 +158,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         self.subscribe_raw(Topic(EVENTS.name, message_type, qos, EVENTS.meaning), partial(self._on_packet, self._kind))
 
     def remedy(self, topic: str) -> str:
-        """Say which parameter changes what this node asks of the publishers of one of `INPUTS`."""
+        """As in `ConnectedNode`."""
         return "set events.reliability:=best_effort" if topic == EVENTS.name else super().remedy(topic)
 
     def _on_packet(self, kind: str, data: bytes) -> None:
@@ -204,7 +204,7 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
             self._overlay.add_tracks(output.tracks.observations)
 
     def _draw(self) -> None:
-        """Publish what gathered since the last time; gather only while somebody looks."""
+        """Publish the events since the last image; collect them only while the topic has subscribers."""
         overlay = self._overlay
         wanted = self.listeners(OVERLAY.name) > 0 and self._stream.size != (0, 0)
         self._overlay = Overlay(*self._stream.size, before=overlay) if wanted else None
@@ -214,14 +214,14 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
             self.publish(OVERLAY.name, messages.image_message(picture, header))
 
     def problems(self) -> dict[str, str]:
-        """Say what was lost or unreadable since the last time, and what is wrong with the topic."""
+        """Return the faults of the stream since the last call, and what is wrong with the topic."""
         before, self._earlier = self._earlier, self._stream.health(self.worker.dropped if self.worker else 0)
         self._new_events = self._earlier.events - before.events
         found = {"events": self._complaint} if self._complaint else {}
         return found | self._earlier.problems_since(before, self._stream.problem)
 
     def values(self) -> dict[str, object]:
-        """Return counts of the stream and how far behind the work is."""
+        """Return counts of the stream and the age of the queue."""
         stream, health = self._stream, self._earlier
         return {
             "Mev/s in": self._new_events / DIAGNOSE_S / 1e6,

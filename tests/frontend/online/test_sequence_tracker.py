@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from esfo_frontend.online.sequence_tracker import MAX_GAP, MEMORY, WRAP, SequenceTracker, Turn
+from esfo_frontend.online.sequence_tracker import MAX_GAP, MEMORY, WRAP, SequenceStep, SequenceTracker
 
-NEXT, GAP, STALE, RESTART = Turn
+NEXT, GAP, STALE, RESTART = SequenceStep
 
 
 def feed(numbers):

@@ -50,7 +50,7 @@ def generate_launch_description():
 
 
 def nodes(context):
-    """Return the nodes for the arguments as they are given."""
+    """Return the nodes for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     bag, camera, params_file = (file(given, argument) for argument in ("bag", "camera", "params_file"))
     camera_frame, object_frame = frames(context, given)
@@ -61,11 +61,11 @@ def nodes(context):
         "namespace": given["namespace"],
         "output": "screen",
         "ros_arguments": ["--log-level", given["log_level"]],
-        "sigterm_timeout": "15",  # longer than the nodes take to end the estimate that they are at
+        "sigterm_timeout": "15",  # longer than a node needs to finish an estimate
         "remappings": [
             ("events", given["events"]),
             ("camera_info", given["camera_info"]),
-            ("/clock", given["clock"] or ("clock" if bag else "/clock")),  # two replays have a time each
+            ("/clock", given["clock"] or ("clock" if bag else "/clock")),  # each of two replays has its own time
         ],
     }
     started = [
@@ -92,7 +92,7 @@ def nodes(context):
 
 
 def source(executable, parameters, shape):
-    """Return a node that feeds the others; that it ends is well, unless by an error."""
+    """Return a node that publishes the input of the others; its end shuts the launch down only after an error."""
     return Node(
         package="esfo_bringup",
         executable=executable,
@@ -103,14 +103,14 @@ def source(executable, parameters, shape):
 
 
 def frames(context, given):
-    """Return the frames of the camera and of the object: /tf is one, so a namespace goes into their names."""
+    """Return the frames of the camera and of the object; /tf is global, so their names contain the namespace."""
     space = prefix_namespace(context.launch_configurations.get("ros_namespace"), given["namespace"])
     prefix = f"{space.strip('/')}/".lstrip("/")
     return given["camera_frame"] or f"{prefix}camera", given["object_frame"] or f"{prefix}object"
 
 
 def reliability(given, bag):
-    """Return the QoS parameter of the events: a replay sends reliably, of a camera it is not known that it does."""
+    """Return the QoS parameter of the events: reliable for a replay; for a camera, the default of the node."""
     chosen = given["events_reliability"]
     if chosen == "auto":
         return {"events.reliability": "reliable"} if bag else {}
@@ -118,7 +118,7 @@ def reliability(given, bag):
 
 
 def file(given, argument):
-    """Return the path that an argument names, with its ~ expanded, which no shell does after `:=`; empty if it is."""
+    """Return the path in an argument, with ~ expanded, which no shell does after `:=`; empty for an empty argument."""
     if not given[argument]:
         return ""
     path = Path(given[argument]).expanduser()

@@ -106,7 +106,7 @@ class Frontend:
     def flush(self) -> FrontendOutput:
         """End the stream: settle everything pending and end every track.
 
-        Later events begin a new stream, at any time; ids of clusters and tracks go on.
+        Later events begin a new stream, at any time; ids of clusters and tracks continue.
         """
         parts = Parts()
         stream = self._stream
@@ -120,7 +120,7 @@ class Frontend:
         return output
 
     def _begin(self, t: int) -> Pipeline:
-        """Start a stream at `t` ns; bins of activity go on where they did unless time went back or they are others."""
+        """Start a stream at `t` ns; the bins of activity continue unless time went back or their options changed."""
         activity = self._options.activity
         if self._last_t is None or t < self._last_t or activity != self._activity_options:
             self._activity_origin, self._activity_options, activity_start = t, activity, t

@@ -41,7 +41,7 @@ class Overlay:
     """
 
     def __init__(self, width: int, height: int, before: Overlay | None = None) -> None:
-        """before: the picture before this one, of which the tracks are still seen."""
+        """before: the previous picture, whose tracks are still shown."""
         self.size = (width, height)
         self.events = 0
         self._canvas = Canvas(width, height)
@@ -53,9 +53,9 @@ class Overlay:
         self._canvas.add(events)
 
     def add_tracks(self, rows: Tracks) -> None:
-        """Draw the ways of the tracks through these rows, and those before, of the last `TRAIL_NS`.
+        """Draw the paths of the tracks over the last `TRAIL_NS`, with these rows added.
 
-        Rows of a time before that begin a new stream: what was there is forgotten.
+        Rows earlier than that begin a new stream: the paths before are forgotten.
         """
         if len(rows):
             seen = self.trails()

@@ -54,7 +54,7 @@ class StreamStart:
     """Where a stream begins.
 
     size: width and height of the sensor, px. origin: time of the first event, ns. activity_start: of the first bin, ns.
-    first_cluster, first_track: ids to go on with.
+    first_cluster, first_track: first ids to use.
     """
 
     size: tuple[int, int]

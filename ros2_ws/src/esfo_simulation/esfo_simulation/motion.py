@@ -1,4 +1,4 @@
-"""How a rigid body moves before the camera: about a fixed axis, and the cases that only look like it."""
+"""Motion of a rigid body before the camera: a spin about a fixed axis, and departures from it."""
 
 from __future__ import annotations
 

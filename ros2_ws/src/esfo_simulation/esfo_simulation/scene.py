@@ -61,7 +61,7 @@ class MotionOptions:
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """What is simulated."""
+    """Options of a simulated scene."""
 
     object: str = option("hubble", "object that spins", choices=tuple(OBJECTS))
     mesh: str = option("", "mesh file (.ply, .obj, .glb, .stl) instead of `object`")

@@ -102,7 +102,7 @@ class Simulation:
                 kept.append(data)
             return frame
 
-        # A frame comes again only after its first appearance was taken.
+        # A frame is repeated only after its first appearance was yielded.
         ahead = min(_AHEAD, self.turn - 1)
         waiting: deque[Future[tuple[Frame, bytes]]] = deque()
         with ThreadPoolExecutor(_THREADS) as pool:

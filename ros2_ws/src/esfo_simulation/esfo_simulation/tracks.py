@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from esfo_core.tracks import Tracks
 
 @dataclass(frozen=True)
 class SyntheticTrackOptions:
-    """How features appear on the surface of a spinning ball and how they are lost."""
+    """Features on the surface of a spinning ball, and how they are tracked and lost."""
 
     points: int = option(60, "number of surface points", 1)
     object_radius: float = option(0.35, "radius of the ball, as a fraction of the distance to the camera", 0.01, 0.9)
@@ -65,20 +66,13 @@ def synthetic_tracks(spin: Spin, camera: Camera, options: SyntheticTrackOptions)
     ids: list[NDArray[np.int64]] = []
     point_of_track: list[int] = []
     kept_uv, kept_t = [], []
-    for p in range(options.points):
-        visible = np.flatnonzero(seen[:, p])
-        if not len(visible):
-            continue
-        starts = (np.diff(visible, prepend=visible[0]) > 1) | ((visible + phase[p]) % rows == 0)
-        for part in np.split(visible, np.flatnonzero(starts)):
-            if len(part) < 2:
-                continue
-            outlier = rng.random() < options.outliers
-            track = _straight(uv[part, p], rng) if outlier else uv[part, p]
-            ids.append(np.full(len(part), len(point_of_track)))
-            point_of_track.append(-1 if outlier else p)
-            kept_uv.append(track + options.noise_px * rng.normal(size=track.shape))
-            kept_t.append(times[part])
+    for p, part in _stretches(seen, phase, rows):
+        outlier = rng.random() < options.outliers
+        track = _straight(uv[part, p], rng) if outlier else uv[part, p]
+        ids.append(np.full(len(part), len(point_of_track)))
+        point_of_track.append(-1 if outlier else p)
+        kept_uv.append(track + options.noise_px * rng.normal(size=track.shape))
+        kept_t.append(times[part])
     if not ids:
         raise SimulationError(f"none of {options.points} points is seen by the {camera.width}x{camera.height} camera")
     t = np.concatenate(kept_t)
@@ -106,6 +100,18 @@ def _observe(
         uv[k] = camera.project(np.where(X[:, 2:] > 0, X, 1.0))
         seen[k] = facing & (X[:, 2] > 0) & ((uv[k] >= 0) & (uv[k] <= limit)).all(axis=1)
     return uv, seen
+
+
+def _stretches(seen: NDArray[np.bool_], phase: NDArray[np.int64], rows: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield the point and the times, as indices, of every track: a stretch of visibility of at most `rows` times."""
+    for p in range(seen.shape[1]):
+        visible = np.flatnonzero(seen[:, p])
+        if not len(visible):
+            continue
+        starts = (np.diff(visible, prepend=visible[0]) > 1) | ((visible + phase[p]) % rows == 0)
+        for part in np.split(visible, np.flatnonzero(starts)):
+            if len(part) >= 2:
+                yield p, part
 
 
 def _straight(uv: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What a simulated recording is known to show."""
+"""The truth of a simulated recording."""
 
 from __future__ import annotations
 

@@ -24,7 +24,10 @@ def add_live_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of a live run."""
     add_run_arguments(parser)
     parser.add_argument(
-        "--rate", type=float, default=1.0, help="speed relative to real time; 0: as fast as nothing is lost (default 1)"
+        "--rate",
+        type=float,
+        default=1.0,
+        help="speed relative to real time; 0: as fast as possible without loss (default 1)",
     )
 
 

@@ -33,7 +33,9 @@ def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
     what.add_argument("--object", choices=OBJECTS, help=f"(default {default.object})")
     what.add_argument("--mesh", metavar="FILE", help="a mesh of your own: .ply, .obj, .glb or .stl, z the spin axis")
     what.add_argument(
-        "--topspin", action="store_true", help="all 72 scenes of the paper into the folder -o; goes on where it stopped"
+        "--topspin",
+        action="store_true",
+        help="all 72 scenes of the paper into the folder -o; continues where it stopped",
     )
     what.add_argument("--handheld", choices=ROOMS, help="a moving camera, in the form of the Event Camera Dataset")
     parser.add_argument("--view", choices=(*VIEWS, "custom"), help=f"where the axis points (default {default.view})")

@@ -45,6 +45,17 @@ _SOLVE_S = 600.0
 _ANSWER_S = 60.0
 """Time after which a service is called again: a node that discovers the client too late cannot send its answer."""
 _EVERYTHING = QoSProfile(depth=100_000)
+_LOSSLESS_FRONTEND: dict[str, object] = {
+    "events.reliability": "reliable",
+    "events.depth": 100_000,
+    "queue": 1_000_000,
+    "wait_for_back_end": True,
+    "min_listeners": 2,  # the back-end and the collector
+    "idle_flush_s": 0.0,
+    # Messages are kept, not overwritten, while the back-end or the collector gets no processor time.
+    **{f"qos_overrides./{topic}.publisher.depth": 100_000 for topic in ("feature_tracks", "event_activity")},
+}
+"""Parameters with which the front-end loses no message and ends its stream only when told to."""
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -146,18 +157,7 @@ def _start(source: Source, args: argparse.Namespace, folder: Path, processes: No
     processes.start(
         "esfo_frontend",
         "frontend_node",
-        {
-            "preset": args.preset,
-            "events.reliability": "reliable",
-            "events.depth": 100_000,
-            "queue": 1_000_000,
-            "wait_for_back_end": True,
-            "min_listeners": 2,  # the back-end and the collector
-            "idle_flush_s": 0.0,
-            # Messages are kept, not overwritten, while the back-end or the collector gets no processor time.
-            **{f"qos_overrides./{topic}.publisher.depth": 100_000 for topic in ("feature_tracks", "event_activity")},
-            **chosen.frontend,
-        },
+        {"preset": args.preset, **_LOSSLESS_FRONTEND, **chosen.frontend},
     )
     recording = source.recording
     size = {"width": recording.width, "height": recording.height}

@@ -16,7 +16,7 @@ SPEED_STEP = 1.002
 """Factor by which a corner moves the typical speed towards that of its track: a running median over ~1000 corners."""
 
 SLOWEST = 0.1
-"""Share of the typical speed with which a slower track, too, forgets its corners."""
+"""Least speed at which a track forgets its corners, as a share of the typical speed."""
 
 
 class Limits(NamedTuple):
@@ -74,7 +74,7 @@ def associate(corners, state, limits, label, rows):  # type: ignore[no-untyped-d
 def nearest_track(corner, tracks, grid, limits):  # type: ignore[no-untyped-def]
     """Return the slot of the track that is predicted nearest within the gate, -1 for none, and whether it is crowded.
 
-    Of two equally near the elder is taken. Crowded: a track with an id is predicted nearer than the spacing.
+    Of two equally near tracks the older one is taken. Crowded: a track with an id is predicted nearer than the spacing.
     """
     x, y, p, t = corner
     column, row = int(x / grid.edge), int(y / grid.edge)

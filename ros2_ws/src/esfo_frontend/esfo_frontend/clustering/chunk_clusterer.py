@@ -35,8 +35,8 @@ class ChunkClusterer:
     """Clusters a stream of corners chunk by chunk.
 
     Chunk k lasts from k * slice - shared to (k + 1) * slice after the stream's first event. A cluster of one chunk
-    goes on in the cluster of the next chunk with which it has the most corners in common (one to one). A corner in two
-    chunks gets its label from the chunk whose end is farther away: labels change over in the middle of the shared part.
+    continues as that of the next chunk with which it shares the most corners (one to one). A corner in two chunks
+    gets its label from the chunk whose end is farther away: labels change over in the middle of the shared part.
 
     HDBSCAN never takes all corners of a chunk as one cluster, so a single moving corner without any noise is not found.
     """

@@ -1,4 +1,4 @@
-"""Host time of a sensor's clock, estimated from when its packets arrive."""
+"""Offset of the host's clock from a sensor's clock, estimated from the arrival of packets."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from collections import deque
 from esfo_core.events import NS_PER_S
 
 WINDOW_NS = 10 * NS_PER_S
-"""Sensor time after which a packet is forgotten: so long a step of a clock to later times can go unnoticed."""
+"""Sensor time after which a packet is forgotten; for this long, a forward step of a clock can go unnoticed."""
 
 DRIFT = 10_000
-"""One part in this many, 100 ppm, is the fastest drift that is followed without lag; oscillators stay below."""
+"""Inverse of the fastest drift that is followed without lag, 100 ppm; oscillators drift less."""
 
 JUMP_NS = NS_PER_S
-"""A packet this far off the estimate tells of another clock: no transport within one machine takes so long."""
+"""A packet this far off the estimate has another clock: no transport within a machine takes so long."""
 
 BUCKET_NS = WINDOW_NS // 1000
-"""Packets within so much sensor time count as one, which bounds the memory."""
+"""Packets within this sensor time count as one, which bounds the memory."""
 
 
 class ClockOffset:
@@ -26,10 +26,10 @@ class ClockOffset:
     (Moon, Skelly and Towsley, "Estimation and removal of clock skew from network delay measurements", INFOCOM 1999).
     Here the envelope is the least of offset + age / DRIFT over the packets of the latest `WINDOW_NS`. As long as the
     clocks drift by less than 1 / DRIFT it is never below the truth, and above it by no more than the least of
-    delay + 2 age / DRIFT. Offsets that are all the same are returned exactly. What is common to all delays stays in
-    the estimate: no message in one direction tells it.
+    delay + 2 age / DRIFT. Offsets that are all the same are returned exactly. The part common to all delays stays in
+    the estimate: messages in one direction do not determine it.
 
-    A packet off by more than `JUMP_NS`, or sensor time going back by more than that, is a new clock: it begins anew.
+    A packet off by more than `JUMP_NS`, or a step back of sensor time by more than that, restarts the estimate.
     Between such jumps the offset falls by no more than half the sensor time that has passed, so that later sensor
     times always get later host times. O(1) time per packet on average, at most `WINDOW_NS / BUCKET_NS` packets kept.
     """
@@ -44,7 +44,7 @@ class ClockOffset:
     def update(self, sensor_t: int, host_t: int) -> int:
         """Take in a packet with the sensor time and the host time of one moment, ns; return the new offset.
 
-        jumps counts how often it began anew.
+        jumps counts the restarts of the estimate.
         """
         offset = host_t - sensor_t
         if self._latest is not None and (self._latest - sensor_t > JUMP_NS or abs(offset - self.value) > JUMP_NS):

@@ -15,7 +15,7 @@ from esfo_core.options import option
 from esfo_core.packets import Packet
 from esfo_frontend.frontend import Frontend, FrontendOutput
 from esfo_frontend.online.clock_offset import ClockOffset
-from esfo_frontend.online.sequence_tracker import SequenceTracker, Turn
+from esfo_frontend.online.sequence_tracker import SequenceStep, SequenceTracker
 from esfo_frontend.online.stream_health import Health, LiveTotals
 from esfo_frontend.options import FrontendOptions, check_for_sensor, check_options
 
@@ -72,7 +72,7 @@ class LiveFrontend:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, also what is pending; but ids of clusters and tracks go on, so that none comes twice."""
+        """Forget the stream and what is pending; ids of clusters and tracks continue, so that none is used twice."""
         if self._frontend is not None:
             self._next_ids = self._frontend.next_ids
         self.totals = LiveTotals()
@@ -112,17 +112,17 @@ class LiveFrontend:
         self._arrivals.forget()
 
     def process(self, packet: Packet) -> Iterator[FrontendOutput]:
-        """Take in one packet; yield what it settles, an ended stream first."""
-        turn = self._numbers.take(packet.seq)
+        """Process one packet; yield what it settles, the output of an ended stream first."""
+        step = self._numbers.take(packet.seq)
         form = (packet.width, packet.height, packet.encoding)
-        if turn is Turn.STALE and form == self._form:
+        if step is SequenceStep.STALE and form == self._form:
             self.totals.stale += 1
             return
         try:
-            yield from self._prepare(form, turn)
+            yield from self._prepare(form, step)
             self.frame_id = packet.frame_id or self.camera_frame
             self.events = empty_events()
-            spent, most_late = 0, MAX_STEP_BACK if turn is Turn.RESTART else RESTART_NS
+            spent, most_late = 0, MAX_STEP_BACK if step is SequenceStep.RESTART else RESTART_NS
             for events in self._decode(packet):
                 yield from self._end_if_back(events, most_late)
                 yield from self._settle(events, packet, spent)
@@ -155,10 +155,10 @@ class LiveFrontend:
         """Return the state of the stream; dropped: packets that were dropped before they came here."""
         return Health.of(self.totals, dropped, self._clock.jumps)
 
-    def _prepare(self, form: tuple[int, int, str], turn: Turn) -> Iterator[FrontendOutput]:
+    def _prepare(self, form: tuple[int, int, str], step: SequenceStep) -> Iterator[FrontendOutput]:
         """Create the decoder and the front-end that packets of `form` need; an error leaves all unchanged."""
         width, height, encoding = form
-        if self._decoder is None or form != self._form or turn is Turn.RESTART:
+        if self._decoder is None or form != self._form or step is SequenceStep.RESTART:
             if width * height > MAX_PIXELS:
                 raise RecordingError(f"sensor size {width}x{height} is impossible")
             new_decoder = decoder(encoding, width, height)
@@ -166,7 +166,7 @@ class LiveFrontend:
             if form != self._form:
                 yield from self.flush()
             self._decoder = new_decoder
-        elif turn is Turn.GAP:
+        elif step is SequenceStep.GAP:
             self._decoder.resynchronise()
         if self._frontend is None or (width, height) != self.size:
             if self._frontend is not None:

@@ -1,21 +1,21 @@
-"""Sequence numbers of packets: which are missing, and when the sender began to count anew."""
+"""Sequence numbers of packets: gaps, late and repeated packets, and restarts of the count."""
 
 from __future__ import annotations
 
 from enum import Enum
 
 WRAP = 2**64
-"""Numbers of packets count modulo this."""
+"""Sequence numbers are counted modulo this."""
 
 MAX_GAP = 100_000
-"""A step ahead by more than this is no loss but another count: at 1000 packets per second it would be 100 s."""
+"""A step ahead by more than this is a restart, not a loss: at 1000 packets per second it would be 100 s."""
 
 MEMORY = 16
-"""A number up to this far behind the latest is a packet repeated or overtaken; further behind, the count began anew."""
+"""A number up to this far behind the latest is of a repeated or overtaken packet; one further behind, a restart."""
 
 
-class Turn(Enum):
-    """What a number says: next after the latest, after a gap, older than others were, or of a count begun anew."""
+class SequenceStep(Enum):
+    """Relation of a number to the earlier ones: the next, after a gap, stale (repeated or overtaken), or a restart."""
 
     NEXT = 0
     GAP = 1
@@ -24,10 +24,10 @@ class Turn(Enum):
 
 
 class SequenceTracker:
-    """Follows the numbers of one sender.
+    """Follows the sequence numbers of one sender.
 
-    lost: numbers missing so far; one that comes after all is taken off again. restarts: times that the count began
-    anew, which is no loss.
+    lost: numbers missing so far; one that arrives late is subtracted again. restarts: restarts of the count, which are
+    not losses.
     """
 
     def __init__(self) -> None:
@@ -37,24 +37,24 @@ class SequenceTracker:
         self._missing: set[int] = set()
         self._doubted: int | None = None
 
-    def take(self, number: int | None) -> Turn:
-        """Take in the number of the next packet, None of one whose number cannot be read: it counts as the next."""
+    def take(self, number: int | None) -> SequenceStep:
+        """Take in the number of the next packet; None, where it cannot be read, counts as the next number."""
         if self._latest is None or number is None:
             self._latest = number if self._latest is None else (self._latest + 1) % WRAP
-            return Turn.NEXT
+            return SequenceStep.NEXT
         ahead = (number - self._latest) % WRAP
         if 0 < ahead <= MAX_GAP:
             self._advance(ahead)
-            return Turn.NEXT if ahead == 1 else Turn.GAP
+            return SequenceStep.NEXT if ahead == 1 else SequenceStep.GAP
         if (WRAP - ahead) % WRAP < MEMORY and self._is_stale(number):
-            return Turn.STALE
+            return SequenceStep.STALE
         self._missing.clear()
         self._latest, self._doubted = number, None
         self.restarts += 1
-        return Turn.RESTART
+        return SequenceStep.RESTART
 
     def forget(self) -> None:
-        """Forget the latest number: whatever follows is the next. The counts stay."""
+        """Forget the latest number: any number may follow. The counts stay."""
         self._latest = self._doubted = None
         self._missing.clear()
 
@@ -66,7 +66,7 @@ class SequenceTracker:
         self._latest, self._doubted = latest, None
 
     def _is_stale(self, number: int) -> bool:
-        """Whether a number just behind the latest is late or repeated, and not the second one of another count."""
+        """Whether a number just behind the latest is late or repeated, and not the second number after a restart."""
         if number in self._missing:
             self._missing.remove(number)
             self.lost -= 1

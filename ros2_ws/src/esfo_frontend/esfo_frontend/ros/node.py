@@ -122,9 +122,9 @@ class FrontendNode(ManagedNode[FrontendOptions, FrontendNodeOptions]):
         self.get_logger().info("ready")
 
     def _back_end_listens(self, least: int) -> bool:
-        """Whether a node that publishes `orbit` gets tracks and activity, and so does every other known listener.
+        """Whether a node that publishes `orbit` receives tracks and activity, and so does every other known listener.
 
-        least: listeners that there must be; one whose announcement got lost is not known for some seconds.
+        least: listeners that there must be; one whose announcement was lost becomes known only after some seconds.
         """
         orbit = self.get_publishers_info_by_topic(self.resolve_topic_name(ORBIT.name))
         back_ends = {(info.node_namespace, info.node_name) for info in orbit}

@@ -32,7 +32,7 @@ DAVIS240C = Camera(
 
 @dataclass(frozen=True)
 class HandheldOptions:
-    """What is simulated."""
+    """Options of a simulated hand-held camera."""
 
     scene: str = option("shapes", "scene in front of the camera", choices=tuple(ROOMS))
     motion: str = option("6dof", "motion of the camera", choices=tuple(MOTIONS))

@@ -1,4 +1,4 @@
-"""The free motion of a hand-held camera: sums of sinusoids on position and orientation, faster and faster."""
+"""The free motion of a hand-held camera: sums of sinusoids of position and orientation, with rising frequency."""
 
 from __future__ import annotations
 

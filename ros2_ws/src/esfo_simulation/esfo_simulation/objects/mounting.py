@@ -1,4 +1,4 @@
-"""How an object stands on the turntable: nothing that is set up by hand is centred and upright to the last digit."""
+"""Placement of an object on the turntable: off centre and tilted, as one that is set up by hand."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _DAVIS = SensorOptions(
     readout_mevs=12.0,
 )
 _PROPHESEE = SensorOptions(
-    # Bandwidth is not limited here: in such light it lies far above what moves, and it makes simulating dear.
+    # Bandwidth is not limited here: in such light it lies far above what moves, and the simulation of it is slow.
     mismatch=0.1,
     refractory_us=200.0,
     leak_hz=0.0,

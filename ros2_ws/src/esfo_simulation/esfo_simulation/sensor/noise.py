@@ -1,4 +1,4 @@
-"""How the pixels of one sensor differ, and the noise that they make of themselves (v2e, Hu et al., CVPRW 2021)."""
+"""Mismatch between the pixels of a sensor, and their noise events (v2e, Hu et al., CVPRW 2021)."""
 
 from __future__ import annotations
 

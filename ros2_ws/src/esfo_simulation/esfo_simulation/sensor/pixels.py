@@ -1,7 +1,7 @@
 """All pixels of an event sensor through one step between two frames.
 
-A pixel is touched only when it may fire: its state holds at a time SINCE, and nothing happened to it after that.
-Whether it may is asked of whole numbers: does its level leave a band?
+A pixel is computed only when it may fire: its state is that of the time SINCE, after which it had no event. The test
+whether it may is on integers: whether its level leaves a band.
 """
 
 from __future__ import annotations

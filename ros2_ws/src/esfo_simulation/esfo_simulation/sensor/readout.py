@@ -1,4 +1,4 @@
-"""The read-out of an event sensor: late, in order, not faster than it can, and in whole microseconds."""
+"""The read-out of an event sensor: latency, order, limited rate, and time stamps in whole microseconds."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # make alone lists the targets.
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test lint docs bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
@@ -18,8 +18,11 @@ test: setup ## run the tests
 lint: setup ## check style and types
 	@scripts/lint.sh
 
-bench: setup ## print the tables of docs/benchmarks.md
-	@source scripts/env.sh && for script in benchmarks/*.py; do python $$script || exit 1; done
+docs: setup ## build the documentation site, without a network, into site/
+	@source scripts/env.sh && NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
+
+bench: setup ## run all benchmarks (hours) and update docs/benchmarks.md
+	@source scripts/env.sh && python benchmarks/document.py --all
 
 clean: ## remove all that setup and demo made
-	rm -rf .venv demo ros2_ws/build ros2_ws/install ros2_ws/log
+	rm -rf .venv demo site ros2_ws/build ros2_ws/install ros2_ws/log

@@ -5,7 +5,10 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "ros2_ws" / "src"
+import yaml
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "ros2_ws" / "src"
 PACKAGES = sorted(path.parent for path in SOURCE.glob("*/package.xml"))
 
 
@@ -31,6 +34,7 @@ def test_versions_agree():
                 assert len(versions) == 1, path
                 found[package.name, path.name] = versions[0]
     assert len(found) == 3 * len(PACKAGES) - 2
+    found["CITATION.cff"] = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]
     assert len(set(found.values())) == 1, found
 
 

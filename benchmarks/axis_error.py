@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from backend import NAMES, folder_of
 from numpy.typing import NDArray
+from provenance import print_provenance
 from scipy.spatial import cKDTree
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
@@ -175,8 +176,9 @@ def main() -> None:
     parser.add_argument("--scene", action="append", choices=NAMES, help="only this one; may be repeated")
     parser.add_argument("--folder", type=Path, help="keep the scenes here, and take those that are there")
     args = parser.parse_args()
+    print_provenance()
     scenes = topspin(SceneOptions(width=346, height=260, revolutions=2.5))
-    print("axis, deg (deviation), points; trails: how far corners lie behind the true one, px")
+    print("axis, deg (deviation), points; trails: distance of the detected behind the true corners, px\n")
     print("| scene | tracks | associated | moved by lag | moved by polarity | true | trails: OFF, ON |")
     print("|---|---|---|---|---|---|---|")
     with folder_of(args.folder) as folder:

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from provenance import print_provenance
 
 from esfo_backend.options import PRESETS
 from esfo_bringup.benchmark.orbit_accuracy import (
@@ -108,6 +109,7 @@ def main() -> None:
     parser.add_argument("--revolutions", type=float, default=2.5)
     parser.add_argument("--size", type=int, nargs=2, default=(346, 260), metavar=("WIDTH", "HEIGHT"))
     args = parser.parse_args()
+    print_provenance()
     scenes = topspin(SceneOptions(width=args.size[0], height=args.size[1], revolutions=args.revolutions))
     presets = args.preset or ["default", "paper"]
     results: list[OrbitResult] = []

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from provenance import print_provenance
 from sklearn.metrics import adjusted_rand_score
 
 from esfo_core.events import NS_PER_S, EventArray, make_events
@@ -158,12 +159,13 @@ def main() -> None:
     parser.add_argument("--largest", type=int, default=1_000_000, help="corners of the longest stream")
     parser.add_argument("--with-package", action="store_true", help="let the hdbscan package run the long streams, too")
     arguments = parser.parse_args()
+    print_provenance()
     stream(drifting(10_000, 150.0), OURS)  # compiles
     begin = peak_mib()
     table_of_growth(arguments.largest, arguments.with_package)
-    print(f"peak memory before: {begin:.0f} MiB\n")
+    print(f"\nPeak memory before the streams: {begin:.0f} MiB\n")
     table_of_sources()
-    print(f"peak memory {peak_mib():.0f} MiB")
+    print(f"\nPeak memory: {peak_mib():.0f} MiB")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from statistics import median
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from provenance import print_provenance
 from tqdm import tqdm
 
 from esfo_core.events import EventArray, make_events
@@ -160,13 +160,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5, help="runs of which the median is taken")
     parser.add_argument("--events", type=float, default=2.0, help="millions of events of the generated streams")
     arguments = parser.parse_args()
+    print_provenance()
     count = int(arguments.events * 1e6)
     streams = {
         "davis": ((240, 180), lambda: moving_rectangles((240, 180), 2e6, count)),
         "hd": ((1280, 720), lambda: moving_rectangles((1280, 720), 26e6, count)),
         "gen4": ((1280, 720), lambda: np.concatenate(list(open_recording(GEN4).chunks()))),
     }
-    print("Mev per CPU second; two threads: wall time of one over that of two.\n")
+    print("Mev per CPU second; two threads: wall time of one over that of two, valid on idle cores only.\n")
     print(
         "| stream | plain eFAST | eFAST | Arc* | eFAST and density filter | eFAST / plain | eFAST / Arc* "
         "| two threads | corners, % | Arc* corners, % | kept by the filter, % |"
@@ -177,7 +178,6 @@ def main() -> None:
             print(f"| gen4 | left out: {GEN4} is not here |")
             continue
         line(name, events(), size, arguments.runs)
-    print(f"\n{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}: two threads show their worth only on idle ones")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import resource
 import tempfile
 import time
@@ -18,6 +17,7 @@ import rclpy
 from detectors import GEN4, moving_rectangles
 from esfo_msgs.msg import FeatureTracks
 from event_camera_msgs.msg import EventPacket
+from provenance import print_provenance
 
 from esfo_bringup.live.processes import NodeProcesses
 from esfo_bringup.replay.messages import packet_message
@@ -194,6 +194,7 @@ def main() -> None:
     parser.add_argument("--events", type=float, default=2.0, help="millions of events of the generated streams")
     parser.add_argument("--paper-events", type=float, default=0.3, help="millions of events for the paper preset")
     arguments = parser.parse_args()
+    print_provenance()
     count, most = int(1e6 * arguments.events), int(1e6 * arguments.paper_events)
     for options in OPTIONS.values():
         warm_up(options)
@@ -218,7 +219,6 @@ def main() -> None:
     for name in SCENES:
         median, most_of = delay(streams[name][1], streams[name][0])
         print(f"| {name} | {median:.0f} | {most_of:.0f} |", flush=True)
-    print(f"\n{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from esfo_msgs.msg import EventActivity
 from event_camera_msgs.msg import EventPacket
 from frontend import SCENES, packets_of
 from lifecycle_msgs.srv import ChangeState
+from provenance import print_provenance
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
@@ -153,6 +154,7 @@ def main() -> None:
     parser.add_argument("--events", type=float, default=8.0, help="least length of a stream, millions of events")
     parser.add_argument("--idle-s", type=float, default=20.0)
     arguments = parser.parse_args()
+    print_provenance()
     rclpy.init(args=[])
     warm_up(PRESETS["default"])
     print("| stream | Mev | without ROS, Mev/s | in the graph, Mev/s | share |\n|---|---|---|---|---|")
@@ -171,7 +173,6 @@ def main() -> None:
     print("\n| node | CPU, % of a core |\n|---|---|")
     for name, share in idle(arguments.idle_s).items():
         print(f"| {name} | {share:.2f} |")
-    print(f"\n{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     rclpy.shutdown()
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from provenance import print_provenance
 
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions, MemoryOptions
@@ -93,7 +94,7 @@ def endless(camera: Camera, turns: int) -> None:
     # Limits that are reached within the stream, so that it shows what happens beyond them.
     backend = Backend(camera, BackendOptions(memory=MemoryOptions(max_bins=8000, max_observations=10_000)))
     spent: list[float] = []
-    print("| turns | CPU ms per update, median | 95 % | longest | rows bins | peak MiB | rate off | std | axis off |")
+    print("\n| turns | CPU ms per update, median | 95 % | longest | rows bins | peak MiB | rate off | std | axis off |")
     print("|---|---|---|---|---|---|---|---|---|")
     for update in updates(RATE_HZ, turns / RATE_HZ, backend):
         spent.append(update.cpu_ms)
@@ -109,7 +110,7 @@ def endless(camera: Camera, turns: int) -> None:
                 flush=True,
             )
             spent.clear()
-    print(f"stream of {turns / RATE_HZ:.0f} s at {RATE_HZ} Hz; 1 ppm = 1e-6 of the rate")
+    print(f"\nStream of {turns / RATE_HZ:.0f} s at {RATE_HZ} Hz; 1 ppm = 1e-6 of the rate")
 
 
 def main() -> None:
@@ -117,6 +118,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--turns", type=int, default=48, help="of the endless stream; 0 leaves it out")
     turns = parser.parse_args().turns
+    print_provenance()
     camera = Camera.pinhole(640, 480, 800.0)
     for _ in updates(2.0, 2.0, Backend(camera)):
         pass  # compiles

@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from provenance import print_provenance
 
 from esfo_core.camera import SensorSize
 from esfo_core.codecs import decoder, encoder
@@ -106,6 +107,7 @@ def main() -> None:
     parser.add_argument("recording", type=Path, help="any recording, of which the events are taken")
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
+    print_provenance()
     recording = open_recording(arguments.recording)
     events = np.concatenate(list(recording.chunks()))
     size = (recording.width, recording.height)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from provenance import print_provenance
 
 from esfo_backend.backend import Backend
 from esfo_backend.options import PRESETS as BACKEND_PRESETS
@@ -59,7 +60,7 @@ def pipeline(revolutions: float) -> None:
     corners = cpu(
         lambda: CornerDetector(camera.width, camera.height, FRONTEND_PRESETS["default"].corners).detect(events)
     )
-    print(f"eFAST alone: {len(events) / corners / 1e6:.2f} Mev per CPU s")
+    print(f"eFAST alone: {len(events) / corners / 1e6:.2f} Mev per CPU s\n")
     print(
         "| preset | front-end, CPU s | of real time | Mev/s | corners | tracks | back-end | rate off by | axis off by |"
     )
@@ -84,8 +85,10 @@ def main() -> None:
     """Run it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--revolutions", type=float, default=2.5)
-    pipeline(parser.parse_args().revolutions)
-    print(f"peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+    revolutions = parser.parse_args().revolutions
+    print_provenance()
+    pipeline(revolutions)
+    print(f"\nPeak memory: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
 
 
 if __name__ == "__main__":

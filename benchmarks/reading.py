@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from provenance import print_provenance
 from reading_files import Case, all_cases, large_file
 from tqdm import tqdm
 
@@ -102,6 +103,7 @@ def main() -> None:
         help="read files of this size instead, made in a temporary folder",
     )
     args = parser.parse_args()
+    print_provenance()
     if args.large:
         large(args.large)
     else:

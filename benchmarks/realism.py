@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from provenance import print_provenance
 
 from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
@@ -166,6 +167,7 @@ def main() -> None:
     default = Path(__file__).resolve().parents[2] / "shared" / "data"
     parser.add_argument("--data", type=Path, default=default, help="folder of the real recordings")
     data = parser.parse_args().data
+    print_provenance()
     print(
         "| recording | events, length | Mev/s mean, peak of 10 ms | noise per pixel, Hz: mean, median | ON of it, % "
         "| hot pixels, ppm | ON, % | gaps of a pixel, ms: 10 / 50 / 90 % "

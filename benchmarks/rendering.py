@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import trimesh
+from provenance import print_provenance
 from tqdm import tqdm
 
 from esfo_core.camera import Camera
@@ -125,6 +126,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=30, help="frames per measurement (default %(default)s)")
     parser.add_argument("--objects", nargs="*", help="names of objects (default: all)")
     frames, names = (args := parser.parse_args()).frames, args.objects
+    print_provenance()
     print(
         "| object | faces | sensor | CPU ms per frame | two threads: speed-up | Embree, of ours | with a lens, CPU ms |"
     )

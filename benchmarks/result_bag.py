@@ -11,6 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from provenance import print_provenance
+
 from esfo_bringup.cli import main as esfo
 from esfo_bringup.result_bag.opening import CONTENTS, NAME
 
@@ -32,6 +34,7 @@ def main() -> None:
     parser.add_argument("recording", nargs="?", type=Path, help="of which the orbit is found (default: simulated)")
     parser.add_argument("--repeats", type=int, default=3)
     args = parser.parse_args()
+    print_provenance()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         recording = args.recording
@@ -43,16 +46,15 @@ def main() -> None:
         for _ in range(args.repeats):
             for content in CONTENTS:
                 times[content].append(run(recording, content, folder))
-        print(f"recording {recording.stat().st_size / 1e6:.1f} MB")
+        print(f"Recording of {recording.stat().st_size / 1e6:.1f} MB; medians of {args.repeats} runs.\n")
+        print("| `--bag` | wall, s | CPU, s | size |\n|---|---|---|---|")
         base = [statistics.median(column) for column in zip(*times["none"], strict=True)]
         for content in CONTENTS:
             wall, cpu = (statistics.median(column) for column in zip(*times[content], strict=True))
             bag = folder / content / NAME
             size = f"{bag.stat().st_size / 1e6:.1f} MB" if bag.exists() else "no bag"
-            print(
-                f"--bag {content:<10}{wall:6.2f} s wall ({wall / base[0] - 1:+.0%}), "
-                f"{cpu:6.2f} s CPU ({cpu / base[1] - 1:+.0%}), {size}"
-            )
+            more = [f"{value:.2f} ({value / least - 1:+.0%})" for value, least in zip((wall, cpu), base, strict=True)]
+            print(f"| {content} | {more[0]} | {more[1]} | {size} |")
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from provenance import print_provenance
 from scipy.ndimage import gaussian_filter, shift
 
 from esfo_simulation.render.renderer import Levels
@@ -64,6 +65,7 @@ def run(frames: list[NDArray[np.uint16]], options: SensorOptions) -> tuple[float
 def main() -> None:
     """Print the table."""
     argparse.ArgumentParser(description=__doc__).parse_args()
+    print_provenance()
     frames = film(40)
     mark = event_sensor.mark_active
     results = {}

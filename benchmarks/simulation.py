@@ -9,6 +9,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from provenance import print_provenance
+
 from esfo_core.options import replace
 from esfo_simulation.scene import SceneOptions
 from esfo_simulation.scene_files import write_scene
@@ -35,6 +37,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help="for every scene")
     extra = dict(text.split(":=", 1) for text in parser.parse_args().set)
+    print_provenance()
     context = multiprocessing.get_context("spawn")
     print("| scene | events | s (goal) | peak GB (goal) |\n|---|---|---|---|")
     for name, (values, goal) in {"": ({"revolutions": 0.02}, None), **SCENES}.items():

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.optimize
 import scipy.sparse
 from numpy.typing import NDArray
+from provenance import print_provenance
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_graph
@@ -198,8 +199,8 @@ def compare(points: int, views: int, repeats: int) -> None:
     }
     if pyceres is not None:
         solvers["pyceres"] = lambda: ceres(start, obs)
-    print(f"\n{points} points x {views} views, {len(obs.rows.dt)} rows")
-    print("| solver | CPU ms per iteration | of Schur | iterations | final cost, px^2 | goal, ms |")
+    print(f"\n{points} points x {views} views, {len(obs.rows.dt)} observations:\n")
+    print("| solver | CPU ms per iteration | relative to Schur | iterations | final cost, px^2 | goal, ms |")
     print("|---|---|---|---|---|---|")
     base = 0.0
     for name, work in solvers.items():
@@ -219,9 +220,10 @@ def initialisation() -> None:
     tracks = synthetic_tracks(motion, camera, ball).tracks
     obs, _ = observations(tracks, camera, 4)
     views = [len(t) for t in cut_views(tracks, camera, 0.03).track]
-    print(f"\n{len(views)} views of {np.mean(views):.0f} tracks, {obs.points} tracks in all, CPU s (goal: 3)")
+    print(f"\nInitialisation, {len(views)} views of {np.mean(views):.0f} tracks, {obs.points} tracks in all:\n")
+    print("| method | CPU s (goal: 3) | axis error, deg | bit-identical in two runs |\n|---|---|---|---|")
     starts: dict[str, Callable[[], Matrix]] = {
-        "direct start": lambda: search_axis(obs, RATE_HZ, InitialisationOptions()).best.motion.Q,
+        "axis search": lambda: search_axis(obs, RATE_HZ, InitialisationOptions()).best.motion.Q,
         "COLMAP": lambda: run_colmap(tracks, camera, InitialisationOptions()).orbit.motion.Q,
     }
     for name, start in starts.items():
@@ -230,7 +232,7 @@ def initialisation() -> None:
         seconds = time.process_time() - begin
         same = once.tobytes() == start().tobytes()
         off = angle_between(-once[:, 2], AXIS)
-        print(f"{name}: {seconds:.2f} s, axis off by {off:.2f} degrees, the same bits twice: {same}")
+        print(f"| {name} | {seconds:.2f} | {off:.2f} | {'yes' if same else 'no'} |")
 
 
 def main() -> None:
@@ -238,11 +240,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=5, help="runs of the fast solvers, of which the median counts")
     repeats = parser.parse_args().repeats
+    print_provenance()
     tiny, motion = problem(20, 10)
     compiled = bundle_adjustment(motion, linear_points(motion, tiny), tiny, 1.0)
     optimise_graph(compiled, tiny, 1.0, 2)
     if pyceres is None:
-        print("pyceres is not installed: Ceres is left out")
+        print("Without Ceres: pyceres is not installed.")
     for points, views in ((300, 60), (2000, 100)):
         compare(points, views, repeats)
     initialisation()

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from provenance import print_provenance
 from tracking_truth import offset_to_corners, places, poses_of
 
 from esfo_core.camera import Camera
@@ -185,6 +186,7 @@ def spinning(presets: dict[str, FrontendOptions]) -> None:
                 f"{360 * options.rate_hz * np.median(age):.0f}, {360 * options.rate_hz * age.mean():.0f}",
                 f"{age[:least].mean():.3f} s",
             )
+    print()
     row("scene", "preset", "good at a time", "corners seen", "tracked", "rows", "delay ms", "CPU s")
     row(*["---"] * 8)
     for cells in second:
@@ -193,6 +195,7 @@ def spinning(presets: dict[str, FrontendOptions]) -> None:
 
 def handheld(presets: dict[str, FrontendOptions], seconds: float) -> None:
     """Print the paper's protocol on twins of the Event Camera Dataset, beside the numbers that the paper prints."""
+    print()
     row("scene", "method", "RMSE px at 3, 5, 7", "mean age s at 3, 5, 7", "median age s", "tracks", "off true corners")
     row(*["---"] * 7)
     for name, printed in PRINTED.items():
@@ -225,6 +228,7 @@ def main() -> None:
     parser.add_argument("--handheld", action="store_true", help="only these")
     parser.add_argument("-p", action="append", default=[], metavar="NAME:=VALUE", help="option of the default preset")
     arguments = parser.parse_args()
+    print_provenance()
     presets = {
         "paper": PRESETS["paper"],
         "clusters": replace(PRESETS["default"], {"tracker": "clusters"}),

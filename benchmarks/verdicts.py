@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
+from provenance import print_provenance
 
 from esfo_backend.options import BackendOptions, InitialisationOptions
 from esfo_bringup.benchmark.orbit_accuracy import backend_of, track
@@ -121,6 +122,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kind", action="append", choices=tuple(CASES), help="only these; may be repeated")
     kinds = parser.parse_args().kind or tuple(CASES)
+    print_provenance()
     print("| truth | scene | status | flags | rate, Hz: true, found | slope, Hz/s: true, found | axis off, deg |")
     print("|---|---|---|---|---|---|---|")
     counts = {}

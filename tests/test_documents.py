@@ -20,7 +20,8 @@ from esfo_simulation.scene import SceneOptions
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-LAUNCH_FILE = ROOT / "ros2_ws/src/esfo_bringup/launch/esfo.launch.py"
+PACKAGES = ROOT / "ros2_ws/src"
+LAUNCH_FILE = PACKAGES / "esfo_bringup/launch/esfo.launch.py"
 OTHERS = {"sudo", "for", "done", "pre-commit", "pip"}
 """Programs that are not of this repository."""
 SMALL = ["-p", "width:=96", "-p", "height:=72", "-p", "revolutions:=0.3"]
@@ -150,6 +151,35 @@ def test_commands_in_the_text_exist(path):
             assert first in helps, command
             missing = [w for w in words if w.startswith("--") and w.split("=")[0] not in helps[first]]
             assert not missing, command
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_files_and_modules_in_the_text_exist(path):
+    quoted = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```", "", path.read_text(), flags=re.S | re.M))
+    for name in quoted:
+        if re.fullmatch(r"(tests|benchmarks|scripts|docker|requirements)/[\w./-]*", name):
+            assert (ROOT / name).exists(), name
+        if re.fullmatch(r"(esfo_\w+)((\.|/)\w+)+(\.py|/)?", name):
+            package, *rest = re.split(r"[./]", name.removesuffix(".py").rstrip("/"))
+            if package == "esfo_msgs":
+                assert (PACKAGES / package / "msg" / f"{rest[-1]}.msg").is_file(), name
+            else:
+                exists(PACKAGES / package / package, rest)
+
+
+def exists(folder, names):
+    """Check that names lead to a folder, to a module, or to something that a module defines."""
+    for k, name in enumerate(names):
+        module = folder / f"{name}.py"
+        if module.is_file():
+            defined = "".join(names[k + 1 : k + 2])
+            assert not defined or re.search(rf"^(def |class |)\b{defined}\b", module.read_text(), re.M), (
+                module,
+                defined,
+            )
+            return
+        folder = folder / name
+        assert folder.is_dir(), folder
 
 
 @pytest.fixture(scope="module")

@@ -26,9 +26,9 @@ class RunSettings:
 class Assignments:
     """Values of options by name, divided by the stage that has the option."""
 
-    reading: dict[str, str]
-    frontend: dict[str, str]
-    backend: dict[str, str]
+    reading: dict[str, object]
+    frontend: dict[str, object]
+    backend: dict[str, object]
 
 
 def common_options() -> list[OptionField]:
@@ -36,7 +36,7 @@ def common_options() -> list[OptionField]:
     return [*common_fields(FrontendOptions()), *common_fields(BackendOptions())]
 
 
-def share_out(values: Mapping[str, str]) -> Assignments:
+def share_out(values: Mapping[str, object]) -> Assignments:
     """Assign each value to the stages that have the option. Raises OptionError for an unknown name."""
     owners = [
         {leaf.name for leaf in fields_of(options)}
@@ -49,7 +49,7 @@ def share_out(values: Mapping[str, str]) -> Assignments:
     return Assignments(*({k: v for k, v in values.items() if k in owned} for owned in owners))
 
 
-def settings_for(preset: str, values: Mapping[str, str]) -> RunSettings:
+def settings_for(preset: str, values: Mapping[str, object]) -> RunSettings:
     """Return the settings of a preset with single options changed; options of reading are ignored.
 
     Raises OptionError for an unknown preset or option, or a value that does not fit.

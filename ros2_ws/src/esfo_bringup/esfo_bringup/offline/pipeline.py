@@ -69,10 +69,8 @@ def run_offline(
     tracking_s = time.perf_counter() - begin
     backend = ready()
     _hand_over(waiting, backend)
-    with stage_bar(len(STAGES)) as bar:
-        estimate = with_source(backend.solve(on_stage=lambda name: next_stage(bar, name)), source)
+    estimate, note = solve_offline(backend, source)
     estimate = replace(estimate, timing_s={"tracking": round(tracking_s, 3), **estimate.timing_s})
-    note = "" if backend.last_search is None else backend.last_search.note
     return RunResult(estimate, Tracks.concatenate(tracks).sorted(), frontend.statistics, note)
 
 
@@ -82,11 +80,26 @@ def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:
     waiting.clear()
 
 
-def track_offline(recording: Recording, settings: RunSettings) -> tuple[Tracks, Statistics]:
-    """Track the whole recording without an estimate. Raises RecordingError for a recording without events."""
+def track_offline(
+    recording: Recording, settings: RunSettings, listen: Listener | None = None
+) -> tuple[Tracks, Statistics]:
+    """Track the whole recording without an estimate. Raises RecordingError for a recording without events.
+
+    listen: as of `run_offline`.
+    """
     frontend = Frontend(recording, settings.frontend)
-    tracks = Tracks.concatenate(output.tracks.observations for output in _outputs(frontend, recording))
+    tracks = Tracks.concatenate(output.tracks.observations for output in _outputs(frontend, recording, listen))
     return tracks.sorted(), frontend.statistics
+
+
+def solve_offline(backend: Backend, source: Source) -> tuple[OrbitEstimate, str]:
+    """Estimate from everything that the back-end was given of the source, with a bar of the stages.
+
+    Returns the estimate and what became of COLMAP.
+    """
+    with stage_bar(len(STAGES)) as bar:
+        estimate = with_source(backend.solve(on_stage=lambda name: next_stage(bar, name)), source)
+    return estimate, "" if backend.last_search is None else backend.last_search.note
 
 
 def _outputs(frontend: Frontend, recording: Recording, listen: Listener | None = None) -> Iterator[FrontendOutput]:

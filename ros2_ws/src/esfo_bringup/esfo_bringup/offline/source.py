@@ -21,25 +21,24 @@ class Source:
 
 
 def open_source(
-    path: Path, camera_file: Path | None, topic: str | None = None, options: ReadingOptions | None = None
+    path: Path, camera: Camera | Path | None, topic: str | None = None, options: ReadingOptions | None = None
 ) -> Source:
-    """Open a recording with its camera: from the file given, else from the recording, else a guess, marked as such.
+    """Open a recording with its camera: the one given or its file, else that of the recording, else a marked guess.
 
-    topic, options: what the recording does not tell; a camera file tells the sensor size.
-
-    Raises RecordingError, and CameraError when the sizes of camera and sensor differ.
+    topic, options: what the recording does not tell; a camera given tells the sensor size. Raises RecordingError, and
+    CameraError when the camera is of another size than the sensor.
     """
     reading = options or ReadingOptions()
-    given = None if camera_file is None else Camera.read_yaml(camera_file)
+    given = Camera.read_yaml(camera) if isinstance(camera, Path) else camera
     if given is not None and reading.size is None:
         reading = replace(reading, width=given.width, height=given.height)
     recording = open_recording(path, topic, reading)
-    camera = given or recording.camera
-    if camera is None:
+    used = given or recording.camera
+    if used is None:
         # A field of view of 53 degrees: the rate hardly depends on it, the axis does.
         return Source(recording, Camera.pinhole(recording.width, recording.height, float(recording.width)), True)
-    check_size(camera, recording, "the camera")
-    return Source(recording, camera, False)
+    check_size(used, recording, "the camera")
+    return Source(recording, used, False)
 
 
 def choose_camera(recording: Recording, override: str) -> Camera | None:

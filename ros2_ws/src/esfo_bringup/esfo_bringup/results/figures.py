@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.results.event_image import LONGEST_MOMENT_NS, EventImage
 from esfo_bringup.results.rate_over_time import RateOverTime
 from esfo_core.camera import Camera
@@ -18,17 +14,14 @@ from esfo_core.estimate import OrbitEstimate
 from esfo_core.events import NS_PER_S
 from esfo_core.orbit import object_frame
 
-mpl.use("Agg")
-
 _SNAPSHOT_TURN = 0.02
 _LEAST_RATE_RANGE = 0.002
 _AXIS_COLOUR = "#d62728"
 _POINT_COLOUR = "#2ca02c"
 
 
-def draw_events(result: RunResult, camera: Camera, event_image: EventImage, path: Path) -> None:
-    """Draw the events of a moment with the projected points, all events with the axis, and the points."""
-    estimate = result.estimate
+def draw_events(estimate: OrbitEstimate, camera: Camera, event_image: EventImage) -> Figure:
+    """Draw the events of a moment with the projected points, all events with the axis, and the structure."""
     spin = estimate.spin
     duration = LONGEST_MOMENT_NS
     if spin is not None:
@@ -51,12 +44,12 @@ def draw_events(result: RunResult, camera: Camera, event_image: EventImage, path
     for panel in axes[:2]:
         panel.set_xlim(-0.5, camera.width - 0.5)
         panel.set_ylim(camera.height - 0.5, -0.5)
-    figure.savefig(path, dpi=100)
+    return figure
 
 
-def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
-    """Draw the rate over time with the estimate, and the reprojection errors of the points. The result has a motion."""
-    estimate, spin = result.estimate, result.estimate.spin
+def draw_checks(estimate: OrbitEstimate, rates: RateOverTime) -> Figure:
+    """Draw the rate over time beside the estimate, and how well the points fit. The estimate has a motion."""
+    spin = estimate.spin
     assert spin is not None
     figure = Figure(figsize=(14.0, 3.4), layout="constrained")
     rate, fit = figure.subplots(1, 2, width_ratios=[2.0, 1.0])
@@ -80,7 +73,7 @@ def draw_checks(result: RunResult, rates: RateOverTime, path: Path) -> None:
     rate.legend()
     fit.hist(estimate.point_rms_px, bins=40, color=_POINT_COLOUR)
     fit.set(title="fit of the points", xlabel="reprojection error, RMS over a point's rows (px)", ylabel="points")
-    figure.savefig(path, dpi=100)
+    return figure
 
 
 def _image(panel: Axes, counts: NDArray[np.uint32], title: str) -> None:

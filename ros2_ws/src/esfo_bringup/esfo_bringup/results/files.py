@@ -14,6 +14,8 @@ from esfo_bringup.results.report import write_report
 from esfo_core.activity import Activity
 from esfo_core.result_files import versions, write_result_files
 
+_DPI = 100
+
 
 def write_results(
     result: RunResult, source: Source, event_image: EventImage, activity: Sequence[Activity], folder: Path
@@ -26,9 +28,10 @@ def write_results(
     """
     estimate = result.estimate
     write_result_files(folder, estimate, result.tracks)
-    draw_events(result, source.camera, event_image, folder / "axis.png")
+    draw_events(estimate, source.camera, event_image).savefig(folder / "axis.png", dpi=_DPI)
     checks = folder / "checks.png"
     checks.unlink(missing_ok=True)
     if estimate.spin is not None:
-        draw_checks(result, rate_over_time(Activity.concatenate(activity), estimate.spin.rate_hz), checks)
+        rates = rate_over_time(Activity.concatenate(activity), estimate.spin.rate_hz)
+        draw_checks(estimate, rates).savefig(checks, dpi=_DPI)
     write_report(result, source, versions(), folder)

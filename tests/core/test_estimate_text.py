@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from esfo_core.estimate import OrbitEstimate
-from esfo_core.estimate_text import facts, one_line
+from esfo_core.estimate_text import facts, one_line, printed_facts
 from esfo_core.orbit import Spin
 
 ESTIMATE = OrbitEstimate(
@@ -64,3 +64,10 @@ def test_a_rate_slope_and_metres_are_named_where_they_are_known():
 
 def test_facts_of_a_failure_are_its_status_alone():
     assert facts(OrbitEstimate.failure("no activity", flags=("no_period",))) == {"status": "failed [no_period]"}
+
+
+def test_a_command_prints_the_main_facts_in_a_column():
+    lines = printed_facts(ESTIMATE, "2 of 9 views")
+    assert [line[:12].strip() for line in lines] == ["spin rate", "axis", "structure", "initialised", "status"]
+    assert lines[-2:] == ["initialised by colmap (2 of 9 views)", "status      ok [scale_unobservable]"]
+    assert printed_facts(OrbitEstimate.failure("no activity")) == ["status      failed"]

@@ -6,6 +6,8 @@ import math
 
 from esfo_core.estimate import OrbitEstimate
 
+_PRINTED = ("spin rate", "axis", "structure", "initialised", "status")
+
 
 def one_line(estimate: OrbitEstimate, points: int | None = None) -> str:
     """Return an estimate in one line.
@@ -54,3 +56,9 @@ def facts(estimate: OrbitEstimate, note: str = "") -> dict[str, str]:
         "initialised": f"by {estimate.initialisation}" + (f" ({note})" if note else ""),
         "status": status,
     }
+
+
+def printed_facts(estimate: OrbitEstimate, note: str = "") -> list[str]:
+    """Return the facts that a command prints, one line each; `note` as of `facts`."""
+    named = facts(estimate, note)
+    return [f"{name:<12}{named[name]}" for name in _PRINTED if name in named]

@@ -13,13 +13,11 @@ from esfo_bringup.errors import CommandError
 from esfo_bringup.offline.pipeline import RunResult
 from esfo_bringup.offline.source import Source, open_source
 from esfo_bringup.settings import RunSettings, common_options, settings_for, share_out
-from esfo_core.estimate_text import facts
+from esfo_core.estimate_text import printed_facts
 from esfo_core.options import parse_assignments, replace
 from esfo_core.recordings import ReadingOptions
 
 Commands = argparse._SubParsersAction  # argparse has no public name for this type
-
-_PRINTED = ("spin rate", "axis", "structure", "initialised", "status")
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,10 +66,8 @@ def report(result: RunResult, folder: Path, files: Sequence[str] = ("orbit.json"
 
     Raises CommandError with the reason when the status is not `ok`.
     """
-    named = facts(result.estimate, result.note)
-    for name in _PRINTED:
-        if name in named:
-            print(f"{name:<12}{named[name]}")
+    for line in printed_facts(result.estimate, result.note):
+        print(line)
     print(f"written     {folder}/{', '.join(files)}")
     if result.estimate.status != "ok":
         raise CommandError(f"{result.estimate.status}: {result.estimate.reason}")

@@ -17,7 +17,11 @@ MAY_IMPORT = {
     "esfo_frontend": {"esfo_core", "esfo_ros"},
     "esfo_backend": {"esfo_core", "esfo_ros"},
     "esfo_bringup": {"esfo_core", "esfo_simulation", "esfo_ros", "esfo_frontend", "esfo_backend"},
+    "esfo": {"esfo_core", "esfo_simulation", "esfo_frontend", "esfo_backend", "esfo_bringup"},
 }
+HOMES = {"esfo": "esfo_bringup"}
+"""Folders of the packages that are not in one of their own name."""
+
 ROOMS = {
     "esfo_core": ("codecs", "recordings", "evaluation"),
     "esfo_simulation": ("render", "objects", "sensor", "handheld"),
@@ -25,6 +29,7 @@ ROOMS = {
     "esfo_frontend": ("corners", "clustering.hdbscan", "clustering", "association", "online", "ros"),
     "esfo_backend": ("orbit", "spin_rate", "adjustment", "initialise", "landmarks", "verdict", "online", "ros"),
     "esfo_bringup": ("offline", "results", "benchmark", "replay", "camera_info", "result_bag", "commands", "live"),
+    "esfo": (),
 }
 """Sub-packages of each package, in the order in which data goes through: a room imports only rooms before it."""
 
@@ -49,12 +54,18 @@ IMPORTS_BY_NAME = {"esfo_frontend.ros.node"}
 ROS_PREFIXES = ("rclpy", "ros2", "launch", "ament_", "rosidl", "tf2")
 
 
+def folder_of(package: str, source: Path) -> Path:
+    """Folder with the modules of a package."""
+    return source / HOMES.get(package, package) / package
+
+
 def modules(source: Path) -> dict[str, Path]:
     """Dotted names of all modules of the packages under `source`."""
     found = {}
     for package in MAY_IMPORT:
-        for path in sorted((source / package / package).rglob("*.py")):
-            parts = path.relative_to(source / package).with_suffix("").parts
+        folder = folder_of(package, source)
+        for path in sorted(folder.rglob("*.py")):
+            parts = path.relative_to(folder.parent).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
@@ -162,7 +173,7 @@ def test_arrows_hold():
 
 def test_every_room_is_known():
     for package, rooms in ROOMS.items():
-        folder = SOURCE / package / package
+        folder = folder_of(package, SOURCE)
         found = {".".join(p.parent.relative_to(folder).parts) for p in folder.rglob("__init__.py")} - {""}
         assert found == set(rooms), package
 
@@ -193,6 +204,8 @@ BROKEN = {
     "arrow up": ("esfo_backend/orbit/a.py", "from esfo_backend.online import b", "an arrow up, from orbit to online"),
     "nodes' business in the library": ("esfo_backend/a.py", "from esfo_ros import topics", "which needs ROS"),
     "dumping ground": ("esfo_core/deep/utils.py", "", "a name that says nothing"),
+    "ROS in the Python API": ("esfo/a.py", "import rclpy", "imports rclpy, which needs ROS"),
+    "command imports the Python API": ("esfo_bringup/a.py", "import esfo", "esfo_bringup must not import esfo"),
     "relative arrow": ("esfo_core/deep/a.py", "from ...esfo_backend import x", "must not import esfo_backend"),
 }
 
@@ -200,7 +213,7 @@ BROKEN = {
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_broken_arrow_is_found(tmp_path, case):
     name, text, expected = BROKEN[case]
-    path = tmp_path / name.split("/")[0] / name
+    path = folder_of(name.split("/")[0], tmp_path).parent / name
     path.parent.mkdir(parents=True)
     path.write_text(text)
     found = violations(tmp_path)

@@ -6,7 +6,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 : "${ROS_DISTRO:?no ROS 2 is sourced}"
 # Newer ones than the distribution has come into .venv, pinned in requirements/.
-locked=(python3-matplotlib python3-numpy python3-scipy python3-tqdm python3-yaml)
+locked=(
+  python3-h5py python3-matplotlib python3-numba python3-numpy python3-pil python3-rosbags-pip python3-scipy python3-tqdm
+  python3-trimesh-pip python3-yaml
+)
 
 case ${1:-} in
   run) kinds=(--dependency-types exec) ;;

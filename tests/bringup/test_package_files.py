@@ -3,6 +3,7 @@
 import ast
 import importlib
 import re
+import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -104,9 +105,11 @@ def test_everything_shared_is_installed():
     assert {"launch", "config", "rviz", "foxglove"} == set(shared) <= folders
 
 
-def ros_imports(package):
-    """ROS packages and own packages that the modules of a package import."""
-    for path in (SOURCE / package / package).rglob("*.py"):
+def imports(package):
+    """Packages that the modules and launch files of a package import."""
+    for path in (SOURCE / package).rglob("*.py"):
+        if path.name == "setup.py":
+            continue
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Import):
                 yield from (alias.name.partition(".")[0] for alias in node.names)
@@ -114,10 +117,55 @@ def ros_imports(package):
                 yield node.module.partition(".")[0]
 
 
-@pytest.mark.parametrize("package", sorted(path.parent.name for path in SOURCE.glob("*/setup.py")))
+def declared(package):
+    return {element.text for element in ET.parse(SOURCE / package / "package.xml").getroot().iter("exec_depend")}
+
+
+PYTHON_PACKAGES = sorted(path.parent.name for path in SOURCE.glob("*/setup.py"))
+ROS_PACKAGE = re.compile(r"rclpy|launch\w*|rosidl_\w+|ament_\w+|esfo_\w+|\w+_(msgs|interfaces|srvs)")
+DISTRIBUTIONS = {"PIL": "pillow", "backports": "backports.zstd", "llvmlite": "numba", "yaml": "PyYAML"}
+"""Distributions that are not called as what is imported; llvmlite comes with numba."""
+UNSEEN = {"esfo_simulation": {"pillow"}}
+"""Distributions that a package needs without importing them: trimesh reads textures by Pillow."""
+OPTIONAL = {"hdf5plugin"}
+
+
+def rosdep_keys():
+    """Key of each pinned distribution, as requirements/ says; `-` where there is none."""
+    lines = [line for name in ("runtime.txt", "formats.txt") for line in (ROOT / "requirements" / name).open()]
+    return dict(re.fullmatch(r"(\S+)==\S+ +# rosdep: (\S+)\n", line).groups() for line in lines if line[0] != "#")
+
+
+def distributions(package):
+    """Third-party distributions that a package needs when it runs."""
+    names = {name for name in imports(package) if not ROS_PACKAGE.fullmatch(name)}
+    names -= {*sys.stdlib_module_names, "esfo", *OPTIONAL}
+    return {DISTRIBUTIONS.get(name, name) for name in names} | UNSEEN.get(package, set())
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
 def test_package_xml_names_the_ros_packages_that_are_imported(package):
-    root = ET.parse(SOURCE / package / "package.xml").getroot()
-    declared = {element.text for element in root.iter("exec_depend")}
-    is_ros = re.compile(r"rclpy|rosidl_\w+|ament_\w+|esfo_\w+|\w+_(msgs|interfaces|srvs)")
-    used = {name for name in ros_imports(package) if is_ros.fullmatch(name)} - {package}
-    assert used <= declared, f"{package}/package.xml lacks {sorted(used - declared)}"
+    used = {name for name in imports(package) if ROS_PACKAGE.fullmatch(name)} - {package}
+    assert used <= declared(package), f"{package}/package.xml lacks {sorted(used - declared(package))}"
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_package_xml_names_every_third_party_import(package):
+    keys = rosdep_keys()
+    used = distributions(package)
+    assert used <= keys.keys(), f"not in requirements/: {sorted(used - keys.keys())}"
+    assert {key for key in declared(package) if key.startswith("python3-")} == {keys[name] for name in used} - {"-"}
+    comment = re.search(
+        r"<!-- Without a rosdep key, by requirements/runtime.txt: (.*?) -->",
+        (SOURCE / package / "package.xml").read_text(),
+    )
+    assert set(comment[1].split(", ") if comment else ()) == {name for name in used if keys[name] == "-"}
+
+
+def test_every_pinned_distribution_is_used():
+    assert set.union(*(distributions(package) for package in PYTHON_PACKAGES)) == rosdep_keys().keys()
+
+
+def test_no_apt_package_takes_the_place_of_a_pinned_one():
+    text = (ROOT / "scripts/system_packages.sh").read_text()
+    assert set(re.search(r"locked=\((.*?)\)", text, re.DOTALL)[1].split()) == set(rosdep_keys().values()) - {"-"}

@@ -5,7 +5,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.." && source scripts/env.sh || exit 1
 set -euo pipefail
 ruff format --check .
 ruff check --no-cache .
-mypy ros2_ws/src/esfo_{core,simulation,ros,frontend,backend,bringup}/esfo_*
+mypy ros2_ws/src/esfo_{core,simulation,ros,frontend,backend,bringup}/esfo_* ros2_ws/src/esfo_bringup/esfo
 # Versions of apt packages cannot be pinned (DL3008): the ROS archive keeps only the newest.
 hadolint --ignore DL3008 docker/Dockerfile
 check-jsonschema --builtin-schema vendor.compose-spec docker/compose.yaml

@@ -80,8 +80,7 @@ def test_without_ros_the_command_says_so_and_does_the_rest(noise, monkeypatch, c
     main(["run", str(noise), "-o", str(out)])
     assert (out / "result.mcap").exists()
     (out / "orbit.json").unlink()
-
-    monkeypatch.setitem(sys.modules, "esfo_bringup.result_bag.recorder", None)  # what the import of it finds
+    monkeypatch.setitem(sys.modules, "esfo_bringup.result_bag.recorder", None)  # importing it raises ImportError
     capsys.readouterr()
     main(["run", str(noise), "-o", str(out)])
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "result.mcap" in line]

@@ -27,9 +27,8 @@ class PlainEvt21:
         kind, low, x, y = word >> 60, word >> 54 & 63, word >> 43 & 0x7FF, word >> 32 & 0x7FF
         if kind == 8:
             value = word >> 32 & (WRAP - 1)
-            rounds = (self.high or 0) // WRAP
-            later = self.high is not None and self.high - (rounds * WRAP + value) > WRAP // 2
-            self.high = (rounds + later) * WRAP + value
+            continuations = [value] if self.high is None else [value + k * WRAP for k in range(3)]
+            self.high = min(continuations, key=lambda high: abs(high - (self.high or 0)))
         elif kind in (0, 1):
             for bit in (b for b in range(32) if word >> b & 1):
                 self.event(x + bit, y, kind, low)
@@ -55,19 +54,24 @@ def pack(kind, low, x, y, valid):
     return kind << 60 | low << 54 | x << 43 | y << 32 | valid
 
 
-any_word = st.one_of(
+event_word = st.one_of(
     st.builds(pack, st.sampled_from([0, 1, 1, 10, 14, 15, 5]), *(st.integers(0, 2**n - 1) for n in (6, 11, 11, 32))),
     st.builds(
         pack, st.just(1), st.integers(0, 63), st.integers(1240, 1290), st.integers(710, 725), st.integers(1, 2**32 - 1)
     ),
-    st.builds(lambda high: 8 << 60 | high << 32, st.sampled_from([3, 4, 5, 6, WRAP - 2, WRAP - 1])),
 )
+any_word = event_word | st.builds(lambda high: 8 << 60 | high << 32, st.sampled_from([3, 4, 5, 6, WRAP - 2, WRAP - 1]))
 
 
 @pytest.mark.parametrize("encoding", ["evt21", "evt21_legacy"])
 @settings(max_examples=150, deadline=None)
-@given(words=st.lists(any_word, max_size=30), cuts=st.lists(st.integers(0, 30), max_size=4))
-def test_decoder_equals_the_plain_one(encoding, words, cuts):
+@given(
+    before=st.lists(event_word, max_size=5),
+    after=st.lists(any_word, max_size=25),
+    cuts=st.lists(st.integers(0, 30), max_size=4),
+)
+def test_decoder_equals_the_plain_one(encoding, before, after, cuts):
+    words = [*before, 8 << 60 | WRAP - 2 << 32, *after]  # from there on steps are small, over the wrap and back
     plain, d, events, triggers = PlainEvt21(), decoder(encoding, WIDTH, HEIGHT), [], []
     for start, stop in pairwise([0, *sorted(cuts), len(words)]):
         first = len(plain.events)

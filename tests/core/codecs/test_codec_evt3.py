@@ -149,7 +149,8 @@ def test_time_goes_on_over_the_wrap_of_the_clock():
 
 def test_a_high_time_up_to_ten_steps_old_is_noise_and_beyond_it_is_a_wrap():
     for steps, expected in ((10, 100 - 10), (11, 100 - 11 + 4096)):
-        events, _ = decode([0x0001, *time_words(100 * 4096), *time_words((100 - steps) * 4096), 0x2001])
+        known = [*time_words(99 * 4096), *time_words(100 * 4096)]
+        events, _ = decode([0x0001, *known, *time_words((100 - steps) * 4096), 0x2001])
         assert events["t"][0] == expected * 4096 * 1000
 
 

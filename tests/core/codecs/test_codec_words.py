@@ -25,6 +25,7 @@ def test_evt2():
     # The time of the first packet goes on in the second, and over the wrap of its 34 bits.
     second = [
         evt2(0, 63, 1, 2),
+        0x8 << 28 | 2**28 - 2,
         0x8 << 28 | 2**28 - 1,
         evt2(0, 63, 3, 4),
         0x5 << 28,

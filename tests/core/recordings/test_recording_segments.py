@@ -70,8 +70,36 @@ def test_times_at_random_are_no_recording(tmp_path):
     rng = np.random.default_rng(0)
     path = tmp_path / "events.csv"
     path.write_text("".join(f"1,2,1,{t}\n" for t in rng.integers(0, 10**9, 20_000)))
-    with pytest.raises(RecordingError, match="more than 999 times"):
+    with pytest.raises(RecordingError, match="contradict those around them"):
         read(path, 0)
+
+
+SEGMENT_SIZES = [(40, 300, 60), (300, 40, 60), (60, 40, 300), (200, 201)]
+
+
+@pytest.mark.parametrize("sizes", SEGMENT_SIZES)
+def test_the_segment_with_the_most_events_is_read(tmp_path, sizes):
+    parts = [some_events(n, start=(9 - k) * SECOND) for k, n in enumerate(sizes)]
+    path = event_bag(tmp_path / "bag.mcap", *(packet(events, k) for k, events in enumerate(parts)))
+    recording = open_recording(path)
+    events = np.concatenate(list(recording.chunks()))
+    assert recording.segment == np.argmax(sizes)
+    assert (events == parts[recording.segment]).all()
+    spans = [(len(p), p["t"][0], p["t"][-1]) for p in parts]
+    assert [(s.events, s.first_t, s.last_t) for s in recording.statistics.stretches] == spans
+    assert recording.statistics.events_elsewhere == sum(sizes) - max(sizes)
+
+
+def test_a_first_segment_that_is_long_is_read_without_knowing_the_rest(tmp_path, monkeypatch):
+    monkeypatch.setattr("esfo_core.recordings.recording.HELD_EVENTS", 100)
+    parts = [some_events(200, start=2 * SECOND), some_events(150, start=SECOND), some_events(250, start=0)]
+    bags = [event_bag(tmp_path / f"{n}.mcap", *(packet(e, k) for k, e in enumerate(parts[:n]))) for n in (2, 3)]
+    recording = open_recording(bags[0])
+    assert (np.concatenate(list(recording.chunks())) == parts[0]).all()
+    got = []
+    with pytest.raises(RecordingError, match="segment 2 has more events than the first, which was read: 250"):
+        got.extend(open_recording(bags[1]).chunks())
+    assert (np.concatenate(got) == parts[0]).all()
 
 
 def test_a_live_packet_with_a_jump_is_refused_whole():

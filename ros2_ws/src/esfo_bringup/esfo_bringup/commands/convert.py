@@ -63,7 +63,8 @@ def _left_out(recording: Recording) -> list[str]:
         "words of no known code": d.unknown_words,
         "packets that are missing in the recording": s.packets_lost,
         "packets that cannot be read": s.packets_damaged,
-        "events of other segments: the clock is set back": s.events_elsewhere,
+        "events at times that those around them contradict": s.outliers,
+        f"events of other segments than {recording.segment}: the clock is set back": s.events_elsewhere,
         "bytes after the last whole packet": s.bytes_lost + d.trailing_bytes,
     }
     return [f"{count} {name}" for name, count in counts.items() if count]

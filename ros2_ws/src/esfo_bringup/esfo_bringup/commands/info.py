@@ -12,6 +12,7 @@ from esfo_bringup.commands.reading import add_reading_arguments, opened
 from esfo_bringup.progress import follow
 from esfo_core.events import NS_PER_S, EventArray
 from esfo_core.recordings import Recording
+from esfo_core.recordings.recording import MOST_EVENTS
 
 PEAK_WINDOW_NS = 10_000_000
 GAP_NS = 100_000_000
@@ -112,6 +113,7 @@ def _losses(recording: Recording) -> list[tuple[str, str]]:
     facts = [
         ("packets", f"{s.packets}, {s.packets_lost} lost, {s.packets_damaged} damaged, {s.bytes_lost} bytes cut off"),
         ("order", f"{order} ({d.out_of_order} inside packets, {s.out_of_order} between)"),
+        ("clock", f"{s.outliers} events at times that those around them contradict, dropped"),
         ("range", f"{d.out_of_range} events outside the sensor, dropped"),
     ]
     decoding = {
@@ -119,11 +121,24 @@ def _losses(recording: Recording) -> list[tuple[str, str]]:
         "words of no known code": d.unknown_words,
         "bytes that make no whole word": d.trailing_bytes,
     }
-    if s.segments > 1:
-        others = f"{s.events_elsewhere} events in the others (-p segment:=N reads another)"
-        facts.append(
-            ("segments", f"{s.segments}, the clock is set back; this is segment {recording.segment}, {others}")
-        )
     if any(decoding.values()):
         facts.append(("skipped", ", ".join(f"{count} {name}" for name, count in decoding.items() if count)))
+    return [*facts, *_segments(recording)]
+
+
+def _segments(recording: Recording) -> list[tuple[str, str]]:
+    stretches = recording.statistics.stretches
+    if len(stretches) == 1:
+        return []
+    why = "the one with the most events" if recording.wanted_segment == MOST_EVENTS else "as asked for"
+    facts = [
+        (
+            "segments",
+            f"{len(stretches)}, the clock is set back; this is segment {recording.segment}, {why} "
+            "(-p segment:=N reads another)",
+        )
+    ]
+    for number, stretch in enumerate(stretches):
+        seconds = (stretch.last_t - stretch.first_t) / NS_PER_S
+        facts.append((f"segment {number}", f"{stretch.events} events, {seconds:.6f} s"))
     return facts

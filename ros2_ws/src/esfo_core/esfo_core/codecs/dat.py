@@ -1,7 +1,7 @@
 """The events of Prophesee DAT files: 8 little-endian bytes each.
 
 Word 0: time in microseconds, 32 bits, which wraps every 71.6 minutes; the decoder counts the wraps. Word 1: x in bits
-0-13, y in 14-27, polarity in 28-31.
+0-13, y in 14-27, polarity in 28-31. One damaged time is that of its own event only.
 """
 
 from __future__ import annotations
@@ -9,12 +9,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE, CURRENT, follow
 from esfo_core.events import EventArray, make_events
 
 WRAP_US = 2**32
+
+STEP_LIMIT_US = 40_000
+"""Largest step of time that is trusted at once: less than the jitter that readers sort in."""
 
 
 class DatDecoder(Decoder):
@@ -24,22 +29,24 @@ class DatDecoder(Decoder):
 
     def __init__(self, width: int, height: int) -> None:
         super().__init__(width, height)
-        self._latest: int | None = None  # us, with wraps
+        self._clock = np.zeros(CLOCK_SIZE, np.int64)
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         if not len(words):
             return make_events(*[np.empty(0)] * 4)
         data = words["data"]
         x, y = data & 0x3FFF, (data >> 14) & 0x3FFF
-        t = self._unwrapped(words["t"].astype(np.int64))
+        t = continued(words["t"].astype(np.int64), WRAP_US, self._clock)
         events = make_events(x, y, (data >> 28) & 1, t * 1000)
         inside = self._inside(x, y)
         return events if inside.all() else events[inside]
 
-    def _unwrapped(self, low: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Continue the times (N,) in us over wraps: steps back by more than half the range."""
-        latest = int(low[0]) if self._latest is None else self._latest
-        wraps = latest // WRAP_US + np.cumsum(np.diff(low, prepend=latest % WRAP_US) < -WRAP_US // 2)
-        t = np.asarray(low + wraps * WRAP_US)
-        self._latest = int(t[-1])
-        return t
+
+@njit(cache=True, nogil=True)
+def continued(low, period, clock):  # type: ignore[no-untyped-def]
+    """Continue the times `low` (N,) in us, which count modulo `period`, with the state `clock`; return them (N,)."""
+    t = np.empty(len(low), np.int64)
+    for i in range(len(low)):
+        follow(low[i], period, period // 2, STEP_LIMIT_US, clock, 0)
+        t[i] = clock[CURRENT]
+    return t

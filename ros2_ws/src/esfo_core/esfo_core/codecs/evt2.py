@@ -2,6 +2,7 @@
 
 Bits 28-31 are the type. An event has the low 6 bits of its time in bits 22-27, x in 11-21, y in 0-10. TIME_HIGH gives
 the upper 28 bits of a 34-bit clock in microseconds, which wraps every 4.77 hours; the decoder counts the wraps.
+One damaged TIME_HIGH gives a wrong time to the events up to the next one, and to no others.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from esfo_core.codecs.state_machine import (
     HEAD,
     HEIGHT,
     OUT_OF_RANGE,
-    SEEN,
     UNKNOWN,
     UNSYNCHRONISED,
     WIDTH,
     StateDecoder,
 )
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE, CURRENT, KNOWN, follow
 from esfo_core.events import EVENT_DTYPE, EventArray
 
 CD_OFF, CD_ON, TIME_HIGH, EXT_TRIGGER, OTHERS, CONTINUED = 0x0, 0x1, 0x8, 0xA, 0xE, 0xF
@@ -30,14 +31,18 @@ CD_OFF, CD_ON, TIME_HIGH, EXT_TRIGGER, OTHERS, CONTINUED = 0x0, 0x1, 0x8, 0xA, 0
 HIGH_PERIOD = 2**28
 """TIME_HIGH counts modulo this; one step is 64 us."""
 
-HIGH = HEAD  # TIME_HIGH with its wraps
+HIGH_LIMIT = 625
+"""Largest step of TIME_HIGH that is trusted at once, 40 ms: less than the jitter that readers sort in."""
+
+CLOCK = HEAD
+HIGH, SEEN = CLOCK + CURRENT, CLOCK + KNOWN
 
 
 class Evt2Decoder(StateDecoder):
     """Decodes `evt2` data; times are those of the sensor's clock."""
 
     word = np.dtype("<u4")
-    state_size = 1
+    state_size = CLOCK_SIZE
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         kind = words >> 28
@@ -76,9 +81,5 @@ def _decode_words(words, state, events, triggers):  # type: ignore[no-untyped-de
 
 @njit(cache=True, nogil=True)
 def set_time_high(value, state):  # type: ignore[no-untyped-def]
-    """Take over the 28 bits of a TIME_HIGH word: a step back by more than half the range is a wrap."""
-    step = value - state[HIGH] % HIGH_PERIOD
-    if state[SEEN] and step < -(HIGH_PERIOD // 2):
-        step += HIGH_PERIOD
-    state[HIGH] += step
-    state[SEEN] = 1
+    """Take over the 28 bits of a TIME_HIGH word."""
+    follow(value, HIGH_PERIOD, HIGH_PERIOD // 2, HIGH_LIMIT, state, CLOCK)

@@ -13,16 +13,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import TRIGGER_DTYPE
-from esfo_core.codecs.evt2 import CD_OFF, CD_ON, CONTINUED, EXT_TRIGGER, HIGH, OTHERS, TIME_HIGH, set_time_high
+from esfo_core.codecs.evt2 import CD_OFF, CD_ON, CONTINUED, EXT_TRIGGER, HIGH, OTHERS, SEEN, TIME_HIGH, set_time_high
 from esfo_core.codecs.state_machine import (
     HEIGHT,
     OUT_OF_RANGE,
-    SEEN,
     UNKNOWN,
     UNSYNCHRONISED,
     WIDTH,
     StateDecoder,
 )
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE
 from esfo_core.events import EVENT_DTYPE, EventArray
 
 VECTOR = 32
@@ -33,7 +33,7 @@ class Evt21Decoder(StateDecoder):
     """Decodes `evt21` data; times are those of the sensor's clock."""
 
     word = np.dtype([("valid", "<u4"), ("event", "<u4")])
-    state_size = 1
+    state_size = CLOCK_SIZE
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         kind, valid = words["event"] >> 28, words["valid"]

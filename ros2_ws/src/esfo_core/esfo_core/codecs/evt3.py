@@ -1,7 +1,8 @@
 """The `evt3` encoding of Prophesee sensors: 16-bit little-endian words that change a state (Prophesee EVT 3.0).
 
 The upper 4 bits are the code, the lower 12 its value. Times are microseconds of a 24-bit clock that wraps every
-16.777 s; the decoder counts the wraps, so that its times go on.
+16.777 s; the decoder counts the wraps, so that its times go on. One damaged TIME_HIGH gives a wrong time to the events
+up to the next one, and to no others.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from esfo_core.codecs.state_machine import (
     WIDTH,
     StateDecoder,
 )
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE, CONFIRMED, CURRENT, KNOWN, NOTHING, TRUSTED, follow
 from esfo_core.events import EVENT_DTYPE, EventArray
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, CONTINUED_4 = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x7
@@ -35,14 +37,16 @@ HIGH_NS = 4_096_000
 """One step of TIME_HIGH, ns."""
 
 HIGH_NOISE = 10
-"""TIME_HIGH sometimes repeats a value up to this many steps old; further back, it has wrapped."""
+"""TIME_HIGH sometimes repeats a value up to this many steps old; further back, it has wrapped, or is damaged."""
 
-# Time: TIME_HIGH with its wraps, TIME_LOW, and both together in ns. Address: row, next column of vectors and their
-# polarity.
-HIGH, LOW, T, Y, BASE, POLARITY = range(HEAD, HEAD + 6)
+# Time: TIME_HIGH with its wraps (of the clock), TIME_LOW, and both together in ns. Address: row, next column of vectors
+# and their polarity.
+CLOCK = HEAD
+HIGH = CLOCK + CURRENT
+LOW, T, Y, BASE, POLARITY = range(CLOCK + CLOCK_SIZE, CLOCK + CLOCK_SIZE + 5)
 
-# STARTED: HIGH holds a time to count wraps from; the others: what has been seen since the last loss.
-STARTED, SEEN_HIGH, SEEN_TIME, SEEN_Y, SEEN_BASE = 1, 2, 4, 8, 16
+# What has been seen since the last loss.
+SEEN_HIGH, SEEN_TIME, SEEN_Y, SEEN_BASE = 1, 2, 4, 8
 
 
 class Evt3Decoder(StateDecoder):
@@ -53,16 +57,15 @@ class Evt3Decoder(StateDecoder):
     """
 
     word = np.dtype("<u2")
-    state_size = 6
+    state_size = CLOCK_SIZE + 5
 
     def resynchronise(self) -> None:
         """Wait for address and time anew; the latest time stays, to count wraps from."""
-        self._state[SEEN] &= STARTED
+        self._state[SEEN] = 0
 
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
-        if not self._state[SEEN] & STARTED and _states_time(words, time_base):
-            self._state[HIGH] = time_base // HIGH_NS
-            self._state[SEEN] |= STARTED
+        if self._state[CLOCK + KNOWN] == NOTHING and _states_time(words, time_base):
+            self._state[[HIGH, CLOCK + TRUSTED, CLOCK + KNOWN]] = time_base // HIGH_NS, time_base // HIGH_NS, CONFIRMED
         most_events, most_triggers = _room(words, _EVENTS_IN_WORD)
         # One more than can come out: the kernel writes every bit of a vector, and only bits that are set count.
         events = np.empty(most_events + 1, EVENT_DTYPE)
@@ -161,12 +164,9 @@ def _change(code, value, state):  # type: ignore[no-untyped-def]
         if state[SEEN] & SEEN_HIGH:
             state[SEEN] |= SEEN_TIME
     elif code == TIME_HIGH:
-        step = (value - state[HIGH]) % HIGH_PERIOD
-        if state[SEEN] & STARTED and step >= HIGH_PERIOD - HIGH_NOISE:
-            step -= HIGH_PERIOD
-        state[HIGH] += step
+        follow(value, HIGH_PERIOD, HIGH_NOISE, HIGH_NOISE, state, CLOCK)
         state[T] = (state[HIGH] * 4096 + state[LOW]) * 1000
-        state[SEEN] |= STARTED | SEEN_HIGH
+        state[SEEN] |= SEEN_HIGH
     else:
         state[UNKNOWN] += 1
 

@@ -8,7 +8,6 @@ from numba import njit
 from esfo_core.codecs.evt3 import (
     ADDR_X,
     ADDR_Y,
-    HIGH_NOISE,
     HIGH_PERIOD,
     TIME_HIGH,
     TIME_LOW,
@@ -22,8 +21,8 @@ MICROSECOND = 1000
 MAX_PIXEL = 2**11 - 1
 """Highest column and row that a word holds."""
 
-LONGEST_STEP = HIGH_PERIOD - HIGH_NOISE - 1
-"""Largest step of TIME_HIGH that a decoder takes for one forward."""
+LONGEST_STEP = HIGH_PERIOD // 4
+"""Largest step of TIME_HIGH, so that a decoder sees it go on forward and takes no word of it for a damaged one."""
 
 SHORTEST_VECTOR = 3  # events; a vector takes two words, a single event one
 

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder, check_time_base
+from esfo_core.codecs.dat import continued
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE
 from esfo_core.events import EventArray, make_events
 
 ROLLOVER_US = 2**31
@@ -26,14 +28,8 @@ class LibcaerDecoder(Decoder):
         check_time_base(time_base)
         data = words["data"]
         x, y = data >> 17, (data >> 2) & 0x7FFF
-        t = _unrolled(words["t"]) * 1000 + time_base
+        low = (words["t"] & 0x7FFFFFFF).astype(np.int64)
+        t = continued(low, ROLLOVER_US, np.zeros(CLOCK_SIZE, np.int64)) * 1000 + time_base
         events = make_events(x, y, (data >> 1) & 1, t)
         kept = self._inside(x, y) & ((data & 1) == 1)
         return events if kept.all() else events[kept]
-
-
-def _unrolled(low: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """Continue the 31-bit times (N,) of one packet over a rollover: a step back by more than half the range."""
-    t = (low & 0x7FFFFFFF).astype(np.int64)
-    rollovers = np.cumsum(np.diff(t, prepend=t[:1]) < -ROLLOVER_US // 2)
-    return np.asarray(t + rollovers * ROLLOVER_US)

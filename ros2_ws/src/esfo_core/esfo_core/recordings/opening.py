@@ -46,7 +46,7 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{error.filename or path}: {error.strerror}") from error
-    recording.segment = options.segment
+    recording.wanted_segment = options.segment
     return recording
 
 

@@ -17,7 +17,7 @@ class TimeOrder:
     """Merges packets that overlap in time and cuts them at multiples of `duration_ns` after the first event.
 
     Events wait until one `MAX_STEP_BACK` later than the end of their chunk has come, so that none can be late: a
-    packet that steps back further raises RecordingError, so ask `starts_anew` first. Memory: one chunk and
+    packet that steps back further raises RecordingError, so `TimeCheck` comes first. Memory: one chunk and
     `MAX_STEP_BACK` of events.
     out_of_order: events earlier than one of an earlier packet, sorted in.
     """
@@ -37,10 +37,6 @@ class TimeOrder:
             return
         self._merge(events)
         yield from self._cut(int(self._waiting[-1][1][-1]) - MAX_STEP_BACK)
-
-    def starts_anew(self, events: EventArray) -> bool:
-        """Return whether the packet (N,) steps back so far that it belongs to another stretch of time."""
-        return bool(self._waiting and len(events) and self._waiting[-1][1][-1] - events["t"][0] > MAX_STEP_BACK)
 
     def flush(self) -> Iterator[EventArray]:
         """Yield what is left: no packet follows."""

@@ -11,13 +11,29 @@ import numpy as np
 
 from esfo_core.camera import Camera
 from esfo_core.codecs import DecoderStatistics
+from esfo_core.codecs.time_check import TimeCheck
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.ordering import TimeOrder
 
 CHUNK_NS = 10_000_000
+HELD_EVENTS = 1 << 20
+"""Events that are held back until it is known whether the clock is set back soon, 13 MiB."""
+
 MAX_SEGMENTS = 1000
 """A clock is set back a few times at most; in random bytes, time steps back at every event."""
+
+MOST_EVENTS = -1
+"""As the number of a segment: the one with the most events."""
+
+
+@dataclass
+class Segment:
+    """A stretch of time between two settings of the clock: its events, and the first and last of their times in ns."""
+
+    events: int = 0
+    first_t: int = 0
+    last_t: int = 0
 
 
 @dataclass
@@ -29,8 +45,8 @@ class RecordingStatistics:
     packets_damaged: packets that could not be read, skipped. out_of_order: events earlier than one of an earlier
     packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole.
     host_offset: host time minus sensor time in ns of the first packet with events, None where no host time is known.
-    segments: stretches of time, one more than the clock was set back. events_elsewhere: events of the segments that
-    were not asked for. decoder: counters of the decoder.
+    outliers: events dropped whose times those around them contradict. stretches: the segments met so far, one more than
+    the clock was set back. decoder: counters of the decoder.
     """
 
     events: int = 0
@@ -43,9 +59,19 @@ class RecordingStatistics:
     out_of_order: int = 0
     bytes_lost: int = 0
     host_offset: int | None = None
-    segments: int = 1
-    events_elsewhere: int = 0
+    outliers: int = 0
+    stretches: list[Segment] = field(default_factory=lambda: [Segment()])
     decoder: DecoderStatistics = field(default_factory=DecoderStatistics)
+
+    @property
+    def segments(self) -> int:
+        """Number of segments met so far."""
+        return len(self.stretches)
+
+    @property
+    def events_elsewhere(self) -> int:
+        """Events of the segments that were not read."""
+        return sum(stretch.events for stretch in self.stretches) - self.events
 
 
 class Recording(ABC):
@@ -54,7 +80,8 @@ class Recording(ABC):
     path: its file or folder. format: short name of the file format and encoding. width, height: sensor size in pixels.
     size_inferred: neither the file nor the user told the sensor size; it is what the events need.
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
-    segment: number of the stretch that `chunks` yields, of a recording whose clock is set back; 0 is the first.
+    wanted_segment: number of the segment that `chunks` is to yield, of a recording whose clock is set back; 0 is the
+    first. segment: the one that it yields, once that is known.
     unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
 
@@ -65,6 +92,7 @@ class Recording(ABC):
         self.width = 0
         self.height = 0
         self.size_inferred = False
+        self.wanted_segment = MOST_EVENTS
         self.segment = 0
         self.unusable_camera: EsfoError | None = None
         self.statistics = RecordingStatistics()
@@ -89,22 +117,20 @@ class Recording(ABC):
 
         Yields time-sorted events (N,), N > 0, none earlier than those before; stretches without events are left out.
         Times are sensor times in ns. Memory does not grow with the length of the recording.
-        Steps back of up to `MAX_STEP_BACK` are sorted and counted; at a larger one a new segment begins, and only the
-        one of number `segment` is yielded. Raises RecordingError for damage that ends the reading (after the chunks
-        before it), for more than `MAX_SEGMENTS`, and for a segment without any event.
+        Steps back of up to `MAX_STEP_BACK` are sorted and counted. A stretch further off is dropped and counted where
+        the stream then goes on as before; a clock that is set back and stays so begins a new segment (`TimeCheck`).
+        Only one segment is yielded: that of number `wanted_segment`, or else the one with the most events, for which
+        the recording is read twice more where the clock is set back within its first `HELD_EVENTS`.
+
+        Raises RecordingError for damage that ends the reading (after the chunks before it), for more than
+        `MAX_SEGMENTS`, for a segment without any event, and, after the last chunk, where a later segment turns out to
+        have more events than the first one.
         """
-        self.statistics = RecordingStatistics()
-        order = TimeOrder(duration_ns)
         try:
-            for packet in self._packets():
-                if order.starts_anew(packet):
-                    yield from self._chosen(order.flush())
-                    self._begin_segment()
-                    order = TimeOrder(duration_ns)
-                before = order.out_of_order
-                yield from self._chosen(order.push(packet))
-                self.statistics.out_of_order += order.out_of_order - before
-            yield from self._chosen(order.flush())
+            if self.wanted_segment == MOST_EVENTS:
+                yield from self._largest(duration_ns)
+            else:
+                yield from self._one(self.wanted_segment, duration_ns)
         except RecordingError as error:
             raise RecordingError(f"{self.path}: {error}") from error
         except OSError as error:
@@ -126,26 +152,92 @@ class Recording(ABC):
         Raises RecordingError without the path, and OSError; `chunks` adds the path.
         """
 
+    def _largest(self, duration_ns: int) -> Iterator[EventArray]:
+        """Chunks of the segment with the most events. The first one is taken for it once it is long."""
+        held: list[EventArray] = []
+        first_is_long = False
+        try:
+            for number, chunk in self._segments(0, duration_ns):
+                if number > 0 and not first_is_long:
+                    break
+                if number == 0:
+                    held.append(chunk)
+                    first_is_long = self.statistics.events > HELD_EVENTS
+                if first_is_long:
+                    yield from held
+                    held.clear()
+            else:
+                yield from held
+                self._check_first()
+                return
+        except (RecordingError, OSError):
+            yield from held
+            raise
+        for _ in self._segments(0, duration_ns):
+            pass  # only to count
+        yield from self._one(self._most_events(), duration_ns)
+
+    def _most_events(self) -> int:
+        return int(np.argmax([stretch.events for stretch in self.statistics.stretches]))
+
+    def _check_first(self) -> None:
+        most = self._most_events()
+        if most:
+            raise RecordingError(
+                f"the clock is set back, and segment {most} has more events than the first, which was read: "
+                f"{self.statistics.stretches[most].events}; say which to read by the option segment"
+            )
+
+    def _one(self, segment: int, duration_ns: int) -> Iterator[EventArray]:
+        return (chunk for number, chunk in self._segments(segment, duration_ns) if number == segment)
+
+    def _segments(self, segment: int, duration_ns: int) -> Iterator[tuple[int, EventArray]]:
+        """Read from the start: chunks of all segments, with their numbers; the statistics are of one `segment`."""
+        self.segment = segment
+        self.statistics = RecordingStatistics()
+        order = TimeOrder(duration_ns)
+        number = 0
+        for events, anew in self._checked():
+            if anew:
+                for chunk in order.flush():
+                    yield number, self._counted(number, chunk)
+                number += 1
+                self._begin_segment()
+                order = TimeOrder(duration_ns)
+            before = order.out_of_order
+            for chunk in order.push(events):
+                yield number, self._counted(number, chunk)
+            self.statistics.out_of_order += order.out_of_order - before
+        for chunk in order.flush():
+            yield number, self._counted(number, chunk)
+
+    def _checked(self) -> Iterator[tuple[EventArray, bool]]:
+        """Packets whose times hold, and whether a new segment begins with them."""
+        check = TimeCheck()
+        for packet in self._packets():
+            yield from check.push(packet)
+            self.statistics.outliers = check.outliers
+        yield from check.flush()
+        self.statistics.outliers = check.outliers
+
     def _begin_segment(self) -> None:
-        self.statistics.segments += 1
-        if self.statistics.segments > MAX_SEGMENTS:
+        if self.statistics.segments == MAX_SEGMENTS:
             raise RecordingError(
                 f"the clock is set back more than {MAX_SEGMENTS - 1} times: these are no times of events"
             )
+        self.statistics.stretches.append(Segment())
 
-    def _chosen(self, chunks: Iterator[EventArray]) -> Iterator[EventArray]:
-        """Pass on the chunks of the segment that was asked for; count the events of the others."""
-        for chunk in chunks:
-            if self.statistics.segments - 1 == self.segment:
-                yield self._counted(chunk)
-            else:
-                self.statistics.events_elsewhere += len(chunk)
-
-    def _counted(self, chunk: EventArray) -> EventArray:
+    def _counted(self, number: int, chunk: EventArray) -> EventArray:
+        """Count the events of the segment `number`."""
         statistics = self.statistics
-        statistics.events += len(chunk)
-        statistics.events_on += int(np.count_nonzero(chunk["p"]))
-        if statistics.first_t is None:
-            statistics.first_t = int(chunk["t"][0])
-        statistics.last_t = int(chunk["t"][-1])
+        first, last = int(chunk["t"][0]), int(chunk["t"][-1])
+        stretch = statistics.stretches[number]
+        stretch.first_t = stretch.first_t if stretch.events else first
+        stretch.last_t = last
+        stretch.events += len(chunk)
+        if number == self.segment:
+            statistics.events += len(chunk)
+            statistics.events_on += int(np.count_nonzero(chunk["p"]))
+            statistics.first_t = first if statistics.first_t is None else statistics.first_t
+            statistics.last_t = last
         return chunk

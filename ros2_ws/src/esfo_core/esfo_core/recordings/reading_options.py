@@ -19,7 +19,10 @@ class ReadingOptions:
         "", "unit of the times in a text file; empty: inferred", choices=("", "s", "ms", "us", "ns")
     )
     segment: int = option(
-        -1, "index, from 0, of the segment to read where the clock was set back; -1: the one with the most events", -1, 999
+        -1,
+        "index, from 0, of the segment to read where the clock was set back; -1: the one with the most events",
+        -1,
+        999,
     )
 
     @property

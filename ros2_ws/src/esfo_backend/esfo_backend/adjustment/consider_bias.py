@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
+from esfo_backend.adjustment.common_errors import common_variance
 from esfo_backend.adjustment.elimination import factor_landmark, solve_lower
-from esfo_backend.orbit.observations import ObservationRows
+from esfo_backend.orbit.observations import ObservationRows, Observations
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
-from esfo_core.orbit import Matrix
+from esfo_core.orbit import Matrix, Vector
 
 MOTION = slice(0, 4)
 """Right rotation vector of Q, rate."""
@@ -23,22 +25,27 @@ SLOPE = 4
 BIAS = slice(5, 9)
 """Bias of corners, px: along and across the image motion, and both in proportion to the side from which a point is seen
 (1 where it comes into view, 0 where it is nearest, -1 where it leaves)."""
-COLUMNS = 9
+FOCAL = 9
+"""Logarithm of the focal length: both focal lengths change by the same factor, and the directions of all rows with
+them."""
+COLUMNS = 10
+_WIDE = 1 + COLUMNS + 3
+"""Columns of a row: the residual, those above, the point."""
 
 
 @njit(cache=True, nogil=True)
 def reduced_equations(
     Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, power: int
 ) -> tuple[NDArray[np.float64], Matrix]:
-    """Information (P, 9, 9) and score (P, 9) that each landmark gives of the columns above, itself eliminated.
+    """Information (P, 10, 10) and score (P, 10) that each landmark gives of the columns above, itself eliminated.
 
     Rows weigh by Cauchy's weight^power at the residuals, with power as in `normal_equations`; rows behind the camera
     count nothing.
     """
     P = len(rows.first) - 1
     information, score = np.zeros((P, COLUMNS, COLUMNS)), np.zeros((P, COLUMNS))
-    block, wide, full = np.empty((2, 8)), np.empty((2, 13)), np.empty((13, 13))
-    L, Z = np.zeros((3, 3)), np.empty((10, 3))
+    block, wide, full = np.empty((2, 8)), np.empty((2, _WIDE)), np.empty((_WIDE, _WIDE))
+    L, Z = np.zeros((3, 3)), np.empty((1 + COLUMNS, 3))
     for j in range(P):
         full[:] = 0.0
         for k in range(rows.first[j], rows.first[j + 1]):
@@ -46,12 +53,12 @@ def reduced_equations(
                 continue
             _widen(rate, y[j], rows, k, block, wide)
             w = cauchy_weight(block, cauchy) ** power
-            for m in range(13):
-                for n in range(13):
+            for m in range(_WIDE):
+                for n in range(_WIDE):
                     full[m, n] += w * (wide[0, m] * wide[0, n] + wide[1, m] * wide[1, n])
-        factor_landmark(full[10:, 10:], 0.0, L)
-        for m in range(10):
-            solve_lower(L, full[m, 10:], Z[m])
+        factor_landmark(full[1 + COLUMNS :, 1 + COLUMNS :], 0.0, L)
+        for m in range(1 + COLUMNS):
+            solve_lower(L, full[m, 1 + COLUMNS :], Z[m])
         for m in range(COLUMNS):
             score[j, m] = full[1 + m, 0] - np.dot(Z[1 + m], Z[0])
             for n in range(COLUMNS):
@@ -60,8 +67,53 @@ def reduced_equations(
 
 
 @njit(cache=True, nogil=True)
+def row_scores(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, step: Vector) -> Matrix:
+    """Parts (N, 10) of the score that the rows give of the columns above, their landmarks eliminated.
+
+    step: (10,) of the columns; the residuals are those that are left after it. Summed over the rows of a landmark they
+    are its score of `reduced_equations` with power 1, plus its information times the step.
+    """
+    out = np.zeros((len(rows.dt), COLUMNS))
+    block, wide, point = np.empty((2, 8)), np.empty((2, _WIDE)), np.empty((3, 3))
+    mixed, L, Z, own = np.empty((1 + COLUMNS, 3)), np.zeros((3, 3)), np.empty((1 + COLUMNS, 3)), np.empty(3)
+    left = np.empty(1 + COLUMNS)
+    for j in range(len(rows.first) - 1):
+        point[:], mixed[:] = 0.0, 0.0
+        for k in range(rows.first[j], rows.first[j + 1]):
+            if not linearize_row(Q, rate, y[j], rows, k, block):
+                continue
+            _widen(rate, y[j], rows, k, block, wide)
+            w = cauchy_weight(block, cauchy)
+            for i in range(2):
+                for n in range(3):
+                    p = w * wide[i, 1 + COLUMNS + n]
+                    for m in range(3):
+                        point[m, n] += p * wide[i, 1 + COLUMNS + m]
+                    for m in range(1 + COLUMNS):
+                        mixed[m, n] += p * wide[i, m]
+        factor_landmark(point, 0.0, L)
+        for m in range(1 + COLUMNS):
+            solve_lower(L, mixed[m], Z[m])
+        for k in range(rows.first[j], rows.first[j + 1]):
+            if not linearize_row(Q, rate, y[j], rows, k, block):
+                continue
+            _widen(rate, y[j], rows, k, block, wide)
+            w = cauchy_weight(block, cauchy)
+            for i in range(2):
+                solve_lower(L, wide[i, 1 + COLUMNS :], own)
+                for m in range(1 + COLUMNS):
+                    left[m] = wide[i, m] - Z[m, 0] * own[0] - Z[m, 1] * own[1] - Z[m, 2] * own[2]
+                residual = left[0]
+                for m in range(COLUMNS):
+                    residual += left[1 + m] * step[m]
+                for m in range(COLUMNS):
+                    out[k, m] += w * left[1 + m] * residual
+    return out
+
+
+@njit(cache=True, nogil=True)
 def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, block: Matrix, wide: Matrix) -> None:
-    """Write residual, motion, slope, bias and point columns of row k into wide (2, 13).
+    """Write residual, motion, slope, bias, focal and point columns of row k into wide (2, 14).
 
     block: of `linearize_row`. The direction of the image motion is the derivative by y along the point's own velocity.
     """
@@ -76,7 +128,8 @@ def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, 
     for i in range(2):
         wide[i, :5] = block[i, :5]
         wide[i, 5] = block[i, 4] * rows.dt[k] / 2
-        wide[i, 10:] = block[i, 5:]
+        wide[i, 10] = block[i, 0] + rows.focal[i] * weight * rows.xy[k, i]
+        wide[i, 11:] = block[i, 5:]
     for i, along, aside in ((0, u, -v), (1, v, u)):
         wide[i, 6], wide[i, 7] = weight * along, weight * aside
         wide[i, 8], wide[i, 9] = weight * along * side, weight * aside * side
@@ -85,7 +138,7 @@ def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, 
 def bias_sensitivity(information: Matrix, solved: NDArray[np.int64]) -> Matrix:
     """How much the columns `solved` (S,) move for a bias of 1 px of each kind, (S, 4), when they alone are estimated.
 
-    information: (9, 9), summed over points.
+    information: (10, 10), summed over points.
     """
     return solve_scaled(information[np.ix_(solved, solved)], information[solved, BIAS])
 
@@ -98,19 +151,26 @@ def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
 
 
 def gauss_newton(
-    equations: tuple[NDArray[np.float64], Matrix], solved: NDArray[np.int64], bias_px: float
-) -> tuple[NDArray[np.float64], Matrix]:
-    """One step of the columns `solved` (S,) from the optimum, and its covariance (S, S).
+    solution: OrbitSolution, obs: Observations, cauchy_px: float, solved: NDArray[np.int64], bias_px: float
+) -> tuple[Vector, Matrix]:
+    """One step of the columns `solved` (S,) from an optimum, and its covariance (S, S).
 
-    equations: of `reduced_equations`. The covariance treats only points as independent (sandwich estimator, clusters =
-    points) and adds a common bias of corners of bias_px.
+    The covariance treats only landmarks as independent (sandwich estimator, clusters = landmarks), is widened by the
+    errors that landmarks share at the same time (`common_variance`), and a common bias of corners of bias_px is added.
     """
-    every, scores = equations[0], equations[1][:, solved]
-    information = every.sum(axis=0)
-    parts = every[:, solved[:, None], solved]
+    motion, rows = solution.motion, obs.rows
+    every, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, rows, cauchy_px, 1)
+    information, scores = every.sum(axis=0), scores[:, solved]
     inverse = solve_scaled(information[np.ix_(solved, solved)], np.eye(len(solved)))
     step = -inverse @ scores.sum(axis=0)
-    left = scores + parts @ step  # what the residuals still say after the step: a drift is no noise
-    small_sample = len(parts) / max(len(parts) - len(solved), 1)
+    # What the residuals still say after the step: a drift is no noise.
+    left = scores + every[:, solved[:, None], solved] @ step
+    small_sample = obs.points / max(obs.points - len(solved), 1)
+    independent = small_sample * inverse @ (left.T @ left) @ inverse
+    whole = np.zeros(COLUMNS)
+    whole[solved] = step
+    influence = row_scores(motion.Q, motion.rate_hz, solution.y, rows, cauchy_px, whole)[:, solved] @ inverse
+    shared = common_variance(influence, rows, motion.rate_hz, len(solved))
+    ratio = np.sqrt(1 + shared / np.maximum(np.diag(independent), 1e-300))
     biased = bias_px * bias_sensitivity(information, solved)
-    return step, small_sample * inverse @ (left.T @ left) @ inverse + biased @ biased.T
+    return step, independent * np.outer(ratio, ratio) + biased @ biased.T

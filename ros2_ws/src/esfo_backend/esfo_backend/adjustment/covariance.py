@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
-from esfo_backend.adjustment.consider_bias import MOTION, bias_sensitivity, reduced_equations
+from esfo_backend.adjustment.common_errors import common_variance
+from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, bias_sensitivity, reduced_equations, row_scores
 from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import Matrix, tangent_basis
@@ -39,9 +40,12 @@ def motion_covariance(
     information, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
     score = scores[:, MOTION]
     small_sample = obs.points / max(obs.points - _MOTION_PARAMETERS, 1)
-    sandwich = small_sample * marginal @ (score.T @ score) @ marginal
+    sandwich = small_sample * np.diag(marginal @ (score.T @ score) @ marginal)
+    nothing = np.zeros(COLUMNS)
+    influence = row_scores(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, nothing)[:, MOTION] @ marginal
+    sandwich = sandwich + common_variance(influence, obs.rows, motion.rate_hz, _MOTION_PARAMETERS)
     independent = _independent_variance(solution, obs, cauchy_px) * marginal
-    ratio = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(independent), 1e-300), 1.0))
+    ratio = np.sqrt(np.maximum(sandwich / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)
     moved = bias_px * bias_sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS))
     cov = cov + moved @ moved.T

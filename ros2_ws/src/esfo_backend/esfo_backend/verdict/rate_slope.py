@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
-from esfo_backend.adjustment.consider_bias import SLOPE, gauss_newton, reduced_equations
+from esfo_backend.adjustment.consider_bias import SLOPE, gauss_newton
 from esfo_backend.orbit.observations import Observations
 
 
@@ -27,10 +27,8 @@ class RateSlope:
 def rate_slope(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateSlope:
     """Estimate the slope g in theta = 2 pi (f dt + g dt^2 / 2) by one Gauss-Newton step from the constant-rate optimum.
 
-    Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation
-    treats only points as independent (sandwich estimator, clusters = points), and adds the bias of corners of bias_px.
+    Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation is
+    that of `gauss_newton`.
     """
-    motion = solution.motion
-    equations = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
-    step, covariance = gauss_newton(equations, np.arange(SLOPE + 1), bias_px)
+    step, covariance = gauss_newton(solution, obs, cauchy_px, np.arange(SLOPE + 1), bias_px)
     return RateSlope(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))

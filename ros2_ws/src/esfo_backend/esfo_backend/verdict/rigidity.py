@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
-from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, gauss_newton, reduced_equations
+from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, gauss_newton
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.orbit.observations import Observations
 from esfo_core.orbit import Matrix, Vector
@@ -180,8 +180,7 @@ def _segment(
         obs = obs.regroup(label)
     motion = solution.motion
     own = bundle_adjustment(motion, linear_points(motion, obs), obs, cauchy_px, iterations=_ITERATIONS)
-    equations = reduced_equations(own.motion.Q, own.motion.rate_hz, own.y, obs.rows, cauchy_px, 1)
-    _, covariance = gauss_newton(equations, np.arange(COLUMNS)[MOTION], bias_px)
+    _, covariance = gauss_newton(own, obs, cauchy_px, np.arange(COLUMNS)[MOTION], bias_px)
     if not np.isfinite(covariance).all():
         return None
     return np.asarray(Rot3.Logmap(Rot3(motion.Q.T @ own.motion.Q))), covariance[:3, :3] + 1e-12 * np.eye(3)

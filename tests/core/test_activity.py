@@ -86,10 +86,27 @@ def test_pieces_join_to_the_whole(listed, lengths, random):
     assert (joined.counts == whole.counts).all()
 
 
-def test_a_gap_is_filled_with_empty_bins():
+def test_bins_of_a_gap_are_missing():
     joined = Activity.concatenate([piece(1050, 1, 3), piece(1000, 2, 7)])
     assert joined.t0 == 1000
     assert joined.counts[:, 0, 0, 0].tolist() == [7, 7, 0, 0, 0, 3]
+    assert joined.valid.tolist() == [True, True, False, False, False, True]
+    again = Activity.concatenate([piece(980, 1, 1), joined])
+    assert again.valid.tolist() == [True, False, True, True, False, False, False, True]
+
+
+def test_a_part_has_its_own_time_and_mask():
+    joined = Activity.concatenate([piece(1050, 1, 3), piece(1000, 2, 7)])
+    for start, stop, t0 in ((1, 4, 1010), (-2, None, 1040), (0, -1, 1000)):
+        part = joined.part(start, stop)
+        assert part.t0 == t0
+        assert part.counts[:, 0, 0, 0].tolist() == joined.counts[start:stop, 0, 0, 0].tolist()
+        assert part.valid.tolist() == joined.valid[start:stop].tolist()
+
+
+def test_a_mask_of_another_length_is_an_error():
+    with pytest.raises(ActivityError, match="mask of 2 does not fit 3 bins"):
+        Activity(0, 10, CELL, np.zeros((3, 2, *GRID), np.uint16), np.ones(2, bool))
 
 
 @pytest.mark.parametrize(

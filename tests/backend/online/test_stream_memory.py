@@ -115,3 +115,10 @@ def test_tracks_are_bounded_and_those_that_recur_stay():
     assert len(kept) > 80
     assert np.array_equal(rows, 3 + kept % 5)  # whole tracks
     assert kept[10:].min() < 400  # not the latest alone
+
+
+def test_a_group_of_which_less_than_half_is_known_is_missing():
+    valid = np.array([1, 1, 1, 0, 0, 0, 1, 0, 1], bool)
+    grouped = coarser(Activity(0, BIN, 32, np.ones((9, 2, 1, 1), np.uint16), valid), 3)
+    assert grouped.valid.tolist() == [True, False, True]
+    assert grouped.counts[:, 0, 0, 0].tolist() == [3, 3, 3]

@@ -181,11 +181,13 @@ def _tracks(prefix: str, arrays: Arrays) -> Tracks:
 def _activity_arrays(name: str, activity: Activity | None) -> dict[str, ArrayLike]:
     if activity is None:
         return {}
-    return {f"{name}_counts": activity.counts, f"{name}_grid": [activity.t0, activity.bin, activity.cell]}
+    grid = [activity.t0, activity.bin, activity.cell]
+    return {f"{name}_counts": activity.counts, f"{name}_valid": activity.valid, f"{name}_grid": grid}
 
 
 def _activity(name: str, arrays: Arrays) -> Activity | None:
     if f"{name}_counts" not in arrays:
         return None
     t0, length, cell = (int(v) for v in arrays[f"{name}_grid"])
-    return Activity(t0, length, cell, np.asarray(arrays[f"{name}_counts"], np.uint16))
+    counts, valid = arrays[f"{name}_counts"], arrays[f"{name}_valid"]
+    return Activity(t0, length, cell, np.asarray(counts, np.uint16), np.asarray(valid, np.bool_))

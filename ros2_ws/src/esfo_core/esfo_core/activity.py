@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,21 @@ class Activity:
 
     t0: start of the first bin, ns. bin: length of a bin, ns. cell: edge of a square cell, px.
     counts: (B, 2, rows, columns) uint16, saturating at 65535; polarity 0 is off, 1 is on.
+    valid: (B,), False for bins of which nothing is known (lost packets, pauses): they are missing, not dark.
     """
 
     t0: int
     bin: int
     cell: int
     counts: NDArray[np.uint16]
+    valid: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+
+    def __post_init__(self) -> None:
+        """Take all bins for valid where no mask is given. Raises ActivityError for a mask of another length."""
+        if not len(self.valid):
+            object.__setattr__(self, "valid", np.ones(len(self.counts), np.bool_))
+        if len(self.valid) != len(self.counts):
+            raise ActivityError(f"a mask of {len(self.valid)} does not fit {len(self.counts)} bins of activity")
 
     @property
     def end(self) -> int:
@@ -57,7 +66,7 @@ class Activity:
 
     @staticmethod
     def concatenate(parts: Iterable[Activity]) -> Activity:
-        """Join pieces that follow one another; a gap between two is filled with empty bins.
+        """Join pieces that follow one another; bins between two are missing: no counts, not valid.
 
         Raises ActivityError when the pieces differ in bin, cell or grid, overlap, or there is none.
         """
@@ -73,11 +82,18 @@ class Activity:
                 )
         total = (max(piece.end for piece in pieces) - first.t0) // first.bin
         counts = np.zeros((total, *first.counts.shape[1:]), np.uint16)
+        valid = np.zeros(total, np.bool_)
         covered = 0
         for piece in pieces:
             start, rest = divmod(piece.t0 - first.t0, first.bin)
             if rest or start < covered:
                 raise ActivityError(f"activity at {piece.t0} ns overlaps or is not aligned with bins of {first.bin} ns")
             covered = start + len(piece.counts)
-            counts[start:covered] = piece.counts
-        return Activity(first.t0, first.bin, first.cell, counts)
+            counts[start:covered], valid[start:covered] = piece.counts, piece.valid
+        return Activity(first.t0, first.bin, first.cell, counts, valid)
+
+    def part(self, start: int, stop: int | None = None) -> Activity:
+        """Bins start:stop, as views."""
+        start = range(len(self.counts))[start:].start
+        t0 = self.t0 + start * self.bin
+        return Activity(t0, self.bin, self.cell, self.counts[start:stop], self.valid[start:stop])

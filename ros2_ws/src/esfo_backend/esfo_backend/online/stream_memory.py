@@ -6,7 +6,7 @@ turns are slow. Tracks: the longest of every part of the time, those of points t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +143,8 @@ class StreamMemory:
         recent = self.recent()
         if self.coarse is None or recent is None:
             return self.coarse or recent
-        gap = Activity(self.coarse.end, recent.bin, recent.cell, np.zeros((1, *recent.counts.shape[1:]), np.uint16))
+        nothing = np.zeros((1, *recent.counts.shape[1:]), np.uint16)
+        gap = Activity(self.coarse.end, recent.bin, recent.cell, nothing, np.zeros(1, np.bool_))
         pieces = [gap, recent] if recent.t0 > self.coarse.end else [recent]
         return Activity.concatenate([self.coarse, coarser(Activity.concatenate(pieces), self.factor)])
 
@@ -156,12 +157,11 @@ class StreamMemory:
         if len(kept.counts) > limit:
             seconds = limit * kept.bin / NS_PER_S
             if self.rate_hz is not None and seconds * self.rate_hz >= self._options.revolutions:
-                drop = len(kept.counts) - limit
-                kept = Activity(kept.t0 + drop * kept.bin, kept.bin, kept.cell, kept.counts[drop:].copy())
+                kept = _copy(kept.part(len(kept.counts) - limit))
             else:
                 kept, self.factor = coarser(kept, 2), 2 * self.factor
         used = max((kept.end - recent.t0) // recent.bin, 0)  # the last bins may not fill a coarse one yet
-        left = Activity(recent.t0 + used * recent.bin, recent.bin, recent.cell, recent.counts[used:].copy())
+        left = _copy(recent.part(used))
         self.coarse, self._recent = kept, [left] if len(left.counts) else []
         self._count_bins()
 
@@ -180,8 +180,17 @@ class StreamMemory:
 
 
 def coarser(activity: Activity, factor: int) -> Activity:
-    """Add up groups of `factor` bins; bins at the end that fill no group are left out."""
+    """Add up groups of `factor` bins; bins at the end that fill no group are left out.
+
+    A group is missing where half or more of its bins are.
+    """
     bins = len(activity.counts) // factor
     groups = activity.counts[: bins * factor].reshape(bins, factor, *activity.counts.shape[1:])
     counts = np.minimum(groups.sum(axis=1, dtype=np.uint32), np.iinfo(np.uint16).max).astype(np.uint16)
-    return Activity(activity.t0, activity.bin * factor, activity.cell, counts)
+    valid = activity.valid[: bins * factor].reshape(bins, factor).mean(axis=1) > 0.5
+    return Activity(activity.t0, activity.bin * factor, activity.cell, counts, valid)
+
+
+def _copy(activity: Activity) -> Activity:
+    """Free of the larger arrays of which it is a part."""
+    return replace(activity, counts=activity.counts.copy(), valid=activity.valid.copy())

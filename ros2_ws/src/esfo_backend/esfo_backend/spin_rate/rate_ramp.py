@@ -115,7 +115,7 @@ def _moving(activity: Activity) -> Activity:
     if not len(busy):
         raise BackendError("no events were counted")
     first, last = int(busy[0]), int(busy[-1]) + 1
-    return Activity(activity.t0 + first * activity.bin, activity.bin, activity.cell, activity.counts[first:last])
+    return activity.part(first, last)
 
 
 def _busiest(counts: Matrix) -> Matrix:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from esfo_backend.state import IncrementalState, load_state, save_state
 from esfo_backend.stopwatch import Stopwatch
 from esfo_backend.verdict.build_estimate import Optimum, build_estimate
 from esfo_core.activity import Activity
+from esfo_core.activity_pyramid import ActivityPyramid
 from esfo_core.camera import Camera
 from esfo_core.estimate import OrbitEstimate
 from esfo_core.events import NS_PER_S
@@ -67,9 +68,10 @@ class Backend:
         self.last_search: SearchResult | None = None
         self._incremental = IncrementalSolver(camera, self.options)
         self._memory = StreamMemory(self.options.memory)
+        self._pyramid = ActivityPyramid()
         self._new_rows: list[Tracks] | None = None  # since the last estimate, while the next may be incremental
         self._progress = _Progress()
-        self._lock = threading.Lock()  # of the three above, as far as `add` and `due` use them
+        self._lock = threading.Lock()  # of the four above, as far as `add` and `due` use them
 
     def tracks(self) -> Tracks:
         """Return the track rows that are kept, sorted by track, then time."""
@@ -84,13 +86,17 @@ class Backend:
         other = Backend(self.camera, options)
         with self._lock:
             self._memory.limit(options.memory)
-            other._memory = self._memory
+            other._memory, other._pyramid = self._memory, self._pyramid
         return other
 
-    def add(self, update: TrackUpdate, activity: Activity | None) -> None:
-        """Take over what the front-end learnt."""
+    def add(self, update: TrackUpdate, activity: Activity | None, pyramid: Sequence[Activity] = ()) -> None:
+        """Take over what the front-end learnt. pyramid: pieces of the activity pyramid.
+
+        Raises ActivityError for a piece that is none of a pyramid.
+        """
         with self._lock:
             self._memory.add(update, activity)
+            self._pyramid.add(pyramid)
             if self._new_rows is not None:
                 self._new_rows.append(update.observations)
 
@@ -113,9 +119,11 @@ class Backend:
             return end - since >= live.interval_s * NS_PER_S
         return end - since >= max(live.search_s * NS_PER_S, _SEARCH_SHARE * (end - begin))
 
-    def update(self, update: TrackUpdate, activity: Activity | None) -> OrbitEstimate | None:
+    def update(
+        self, update: TrackUpdate, activity: Activity | None, pyramid: Sequence[Activity] = ()
+    ) -> OrbitEstimate | None:
         """`add`, then a quick `solve` if an estimate is due."""
-        self.add(update, activity)
+        self.add(update, activity, pyramid)
         return self.solve(thorough=False) if self.due() else None
 
     def save(self, path: Path) -> None:
@@ -164,12 +172,13 @@ class Backend:
     def _search(self, thorough: bool, on_stage: OnStage) -> OrbitEstimate:
         with self._lock:
             stream = self._memory.snapshot()
+            levels = self._pyramid.levels()
             self._new_rows = []
         if stream is None:
             return OrbitEstimate.failure("no events were received")
         limit = _SEARCH_TRACKS * self.options.live.max_tracks
         tracks = stream.tracks if thorough else spread_tracks(stream.tracks, limit)
-        data = SearchInput(tracks, stream.activity, self.camera, self.options, on_stage)
+        data = SearchInput(tracks, stream.activity, levels, self.camera, self.options, on_stage)
         searched_s = self._progress.ramp_searched_s
         # A ramp takes long: a quick search looks for one when the stream has doubled in length.
         ramp_after_s = 0.0 if thorough or data.duration_s < searched_s else 2 * searched_s

@@ -23,7 +23,7 @@ from esfo_backend.orbit.observations import Observations, observations
 from esfo_backend.orbit.selection import longest_points
 from esfo_backend.spin_rate.aperiodic import explain_aperiodic
 from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, SpinRate
-from esfo_backend.spin_rate.hypotheses import RateHypothesis, rate_hypotheses
+from esfo_backend.spin_rate.hypotheses import RateHypothesis, Stream, rate_hypotheses
 from esfo_backend.spin_rate.rate_ramp import warp_times
 from esfo_backend.stopwatch import Stopwatch
 from esfo_backend.verdict.build_estimate import (
@@ -32,6 +32,7 @@ from esfo_backend.verdict.build_estimate import (
     most_reobserved,
     reobserved,
     with_comparisons,
+    with_stream_rate,
 )
 from esfo_backend.verdict.verdict import unconfirmed
 from esfo_core.activity import Activity
@@ -45,10 +46,15 @@ _MOST_GRAPHS = 3
 
 @dataclass(frozen=True)
 class SearchInput:
-    """What a search is made from. on_stage: told the name of each of STAGES as it begins."""
+    """What a search is made from.
+
+    levels: of the activity pyramid, finest first, if there is one. on_stage: told the name of each of STAGES as it
+    begins.
+    """
 
     tracks: Tracks
     activity: Activity
+    levels: Sequence[Activity]
     camera: Camera
     options: BackendOptions
     on_stage: Callable[[str], None] = lambda name: None
@@ -123,15 +129,18 @@ def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) 
     def preferred(rate: SpinRate) -> list[float]:
         return _preferred_rates(rate, data, watch, thorough)
 
-    for hypothesis in rate_hypotheses(data.activity, data.options, watch, preferred, ramp_after_s):
+    stream = Stream(data.activity, data.levels)
+    for hypothesis in rate_hypotheses(stream, data.options, watch, preferred, ramp_after_s):
         candidates.append(_work_out(hypothesis, data, watch, thorough and not candidates))
         if candidates[0].is_one_rotation:
             break
-    chosen, last = _choose(candidates, data.options), candidates[-1].hypothesis
-    settled = candidates[0].is_one_rotation and not candidates[0].hypothesis.alone
+    first, chosen = candidates[0], _choose(candidates, data.options)
+    last = candidates[-1].hypothesis
+    settled = first.is_one_rotation and not first.hypothesis.alone
+    estimate = with_stream_rate(chosen.estimate, first.hypothesis.rate if first.hypothesis.kind == "period" else None)
     return SearchResult(
-        estimate=replace(chosen.estimate, timing_s=watch.seconds),
-        rate=(candidates[0] if chosen.estimate.status == "failed" else chosen).hypothesis.rate,
+        estimate=replace(estimate, timing_s=watch.seconds),
+        rate=(first if chosen.estimate.status == "failed" else chosen).hypothesis.rate,
         hypothesis=chosen.hypothesis,
         initialisation=chosen.initialisation,
         landmarks=chosen.landmarks,
@@ -233,7 +242,7 @@ class _Prepared:
 def _prepare(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, thorough: bool) -> _Prepared:
     rate, ramp, options = hypothesis.rate, hypothesis.ramp, data.options
     if rate is None:
-        raise _aperiodic(hypothesis.reason, data)
+        raise _aperiodic(hypothesis.reason, data, hypothesis.flags)
     span = ramp.span if ramp else (data.activity.t0, data.activity.end)
     revolutions = rate.rate_hz * (span[1] - span[0]) / NS_PER_S
     if revolutions < options.live.min_revolutions:
@@ -280,7 +289,11 @@ def _optimise(landmarks: Landmarks, options: BackendOptions) -> tuple[Landmarks,
     return landmarks, optimum
 
 
-def _aperiodic(found: str, data: SearchInput) -> BackendError:
-    """Error of a stream without a period, or with one that no track confirms; its cause by how tracks move."""
+def _aperiodic(found: str, data: SearchInput, flags: tuple[str, ...] = ()) -> BackendError:
+    """Error of a stream without a period, or with one that no track confirms; its cause by how tracks move.
+
+    flags: of what the stream itself shows to be the cause, if it does.
+    """
     why = explain_aperiodic(data.tracks, data.duration_s, data.options.verdict.min_points, data.camera.focal_px)
-    return BackendError(f"{found}; {why.reason}", why.flag)
+    named = flags if why.flag in flags or not why.flag else (*flags, why.flag)
+    return BackendError(f"{found}; {why.reason}" if why.reason else found, *named)

@@ -79,7 +79,7 @@ class Level:
         """The window with the most events, then the other one, where there are two."""
         held = [w for w in (self._most, self._now) if w is not None and w.used]
         return [
-            Activity(w.start * self.bin, self.bin, self.cell, w.counts[: w.used], w.valid[: w.used])
+            Activity(w.start * self.bin, self.bin, self.cell, w.counts[: w.used].copy(), w.valid[: w.used].copy())
             for w in sorted(held, key=lambda w: -w.events)
         ]
 

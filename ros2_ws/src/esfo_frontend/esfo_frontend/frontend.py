@@ -10,6 +10,7 @@ import numpy as np
 from esfo_core.activity import Activity
 from esfo_core.camera import HasSize
 from esfo_core.events import NS_PER_S, EventArray, empty_events
+from esfo_core.pyramid_counter import PyramidCounter
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
 from esfo_frontend.errors import FrontendError
@@ -24,12 +25,14 @@ class FrontendOutput:
 
     corners: in order of time. With the paper's stages, those that passed the density filter, with their final clusters;
     with association all corners, with their tracks, NO_LABEL as long as a track has no row.
-    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none.
+    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none. pyramid: pieces of
+    the activity pyramid, of several resolutions.
     """
 
     corners: LabelledCorners
     tracks: TrackUpdate
     activity: Activity | None
+    pyramid: tuple[Activity, ...] = ()
 
 
 class Frontend:
@@ -61,6 +64,7 @@ class Frontend:
         self._last_t: int | None = None
         self._activity_origin = self._activity_end = 0
         self._activity_options = self._options.activity
+        self._pyramid = PyramidCounter(*self._size)
         self.statistics = Statistics()
 
     @property
@@ -89,6 +93,7 @@ class Frontend:
             stream.advance(int(events["t"][0]), parts)
             n = int(np.searchsorted(events["t"], stream.ready))
             stream.take_in(events[:n])
+            self._pyramid.add(events[:n])
             self._last_t = int(events["t"][n - 1])
             events = events[n:]
         return self._output(parts)
@@ -113,7 +118,9 @@ class Frontend:
         if stream is None:
             return self._output(parts)
         stream.finish(parts)
+        self._pyramid.finish()
         output = self._output(parts)
+        self._pyramid = PyramidCounter(*self._size)
         self._stream = None
         self._next_ids = stream.next_ids
         self._activity_end = stream.activity.end
@@ -157,4 +164,5 @@ class Frontend:
         activity = self._stream.activity.take() if self._stream else None
         observations = Tracks.concatenate(u.observations for u in parts.updates)
         ended = np.sort(np.concatenate([np.empty(0, np.uint32), *(u.ended for u in parts.updates)]))
-        return FrontendOutput(LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity)
+        corners, pyramid = LabelledCorners.concatenate(parts.corners), tuple(self._pyramid.take())
+        return FrontendOutput(corners, TrackUpdate(observations, ended), activity, pyramid)

@@ -12,6 +12,7 @@ from esfo_backend.backend import Backend
 from esfo_backend.errors import BackendError
 from esfo_backend.options import BackendOptions
 from esfo_core.activity import Activity
+from esfo_core.activity_pyramid import BINS as PYRAMID_BINS
 from esfo_core.camera import Camera
 from esfo_core.errors import CameraError, EsfoError
 from esfo_core.estimate import OrbitEstimate
@@ -21,6 +22,8 @@ from esfo_core.tracks import Tracks, TrackUpdate
 
 RESTART_NS = 1_000_000_000
 """Activity that goes back by more than this is a new stream (a bag that loops)."""
+
+_NO_TRACKS = TrackUpdate(Tracks.empty(), np.empty(0, np.uint32))
 
 MAX_WAITING = 20_000
 """Messages kept while the camera is unknown."""
@@ -50,7 +53,7 @@ class LiveBackend:
         self.camera: Camera | None = None
         self._options = options
         self._backend: Backend | None = None
-        self._waiting: deque[tuple[TrackUpdate, Activity | None]] = deque()
+        self._waiting: deque[tuple[TrackUpdate, Activity | None, tuple[Activity, ...]]] = deque()
         self._activity_end: int | None = None
         self._latest: OrbitEstimate | None = None
 
@@ -96,13 +99,17 @@ class LiveBackend:
 
     def add_activity(self, activity: Activity) -> None:
         """Take in activity. Raises CameraError when its grid is that of another sensor than the camera's."""
+        if activity.bin in PYRAMID_BINS:
+            self.activity_bins += len(activity.counts)
+            self._add(_NO_TRACKS, None, (activity,))
+            return
         if self._activity_end is not None and activity.t0 < self._activity_end - RESTART_NS:
             self.restarts += 1
             self.reset()
         self._activity_end = activity.end
         self.activity_bins += len(activity.counts)
         self._check_grid(activity)
-        self._add(TrackUpdate(Tracks.empty(), np.empty(0, np.uint32)), activity)
+        self._add(_NO_TRACKS, activity)
 
     def due(self) -> bool:
         """Return whether there is enough news for another estimate."""
@@ -119,14 +126,14 @@ class LiveBackend:
             self._latest = OrbitEstimate.failure(str(error), observations=self.observations)
         return self._latest
 
-    def _add(self, update: TrackUpdate, activity: Activity | None) -> None:
+    def _add(self, update: TrackUpdate, activity: Activity | None, pyramid: tuple[Activity, ...] = ()) -> None:
         if self._backend is not None:
-            self._backend.add(update, activity)
+            self._backend.add(update, activity, pyramid)
             return
         if len(self._waiting) >= MAX_WAITING:
             self._waiting.popleft()
             self.dropped += 1
-        self._waiting.append((update, activity))
+        self._waiting.append((update, activity, pyramid))
 
     def _check_grid(self, activity: Activity) -> None:
         rows, columns = activity.counts.shape[2:]

@@ -40,7 +40,7 @@ def explain_aperiodic(tracks: Tracks, duration_s: float, min_points: int, focal_
     moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MOVES_PX
     if moving.sum() < min_points:
         return AperiodicCause(
-            f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "not_a_rotation"
+            f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "too_few_tracks"
         )
     ends = Ends(ends.uv[:, moving], ends.s[:, moving])
     spread = translation_spread(ends)
@@ -56,7 +56,7 @@ def explain_aperiodic(tracks: Tracks, duration_s: float, min_points: int, focal_
     turns = ends.speed * duration_s / (2 * np.pi * radius) * np.sqrt((1 - r) / (1 + r))
     if turns >= _ONE_TURN:
         return AperiodicCause(
-            f"a rotation that moves like this would have turned {turns:.1f} times or more", "not_a_rotation"
+            f"a rotation that moves like this would have turned {turns:.1f} times or more", "no_repetition"
         )
     return AperiodicCause("less than a turn may have been seen", "too_few_turns")
 

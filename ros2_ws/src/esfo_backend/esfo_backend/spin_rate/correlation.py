@@ -56,13 +56,15 @@ class SpinRate:
     """The rate and how clearly the stream shows it.
 
     rate_hz: turns per second. correlation: of event images one period apart. prominence: height of the peak over
-    the valleys beside it. harmonics: what else was considered, best first.
+    the valleys beside it. harmonics: what else was considered, best first. rate_std_hz: standard deviation of the rate,
+    NaN where it is not known.
     """
 
     rate_hz: float
     correlation: float
     prominence: float
     harmonics: tuple[Harmonic, ...]
+    rate_std_hz: float = np.nan
 
     def agrees_with(self, rate_hz: float) -> bool:
         """Whether another estimate, of rate_hz, is of the same period."""

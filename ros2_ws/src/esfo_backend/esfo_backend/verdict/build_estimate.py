@@ -22,8 +22,11 @@ from esfo_backend.spin_rate.rate_ramp import RateRamp
 from esfo_backend.verdict.rate_slope import RateSlope, rate_slope
 from esfo_backend.verdict.rigidity import rigidity, widened
 from esfo_backend.verdict.verdict import Evidence, judge, moves_on
-from esfo_core.estimate import Alternative, OrbitEstimate
+from esfo_core.estimate import Alternative, OrbitEstimate, RateEstimate
 from esfo_core.events import NS_PER_S
+
+_OTHER_MOTION = {"not_a_rotation", "rate_not_constant"}
+"""Flags of a failed estimate that are positive evidence of another motion than a rotation at one rate."""
 
 
 @dataclass(frozen=True)
@@ -184,4 +187,33 @@ def with_comparisons(
         flags=flags,
         reason=estimate.reason or reason,
         alternatives=(*estimate.alternatives, *(a for a in added if round(a.rate_hz, 9) not in known)),
+    )
+
+
+def with_stream_rate(estimate: OrbitEstimate, stream: SpinRate | None) -> OrbitEstimate:
+    """Return the estimate with the rate of the event stream beside it.
+
+    A failed estimate becomes one of the rate alone, unless its tracks show that the motion is none that repeats: the
+    stream's rate needs no tracks.
+    """
+    if stream is None or not np.isfinite(stream.rate_std_hz):
+        return estimate
+    rate = RateEstimate(stream.rate_hz, stream.rate_std_hz)
+    estimate = replace(estimate, stream_rate=rate)
+    if estimate.status != "failed" or _OTHER_MOTION & set(estimate.flags):
+        return estimate
+    return replace(
+        estimate,
+        status="degenerate",
+        level="rate",
+        flags=(*(f for f in estimate.flags if f != "too_few_turns"), "axis_unobservable", "scale_unobservable"),
+        reason=f"the event stream repeats, but the tracks do not show the axis: {estimate.reason}",
+        rate_hz=rate.rate_hz,
+        rate_std_hz=rate.std_hz,
+        revolutions=rate.rate_hz * (estimate.t_last - estimate.t_first) / NS_PER_S,
+        alternatives=tuple(
+            Alternative("harmonic", h.rate_hz, np.zeros(3), stream.correlation / max(h.correlation, 1e-9))
+            for h in stream.harmonics
+            if h.correlation > 0.1 * stream.correlation
+        ),
     )

@@ -76,7 +76,7 @@ def run_offline(
 
 def _hand_over(waiting: list[FrontendOutput], backend: Backend) -> None:
     for output in waiting:
-        backend.add(output.tracks, output.activity)
+        backend.add(output.tracks, output.activity, output.pyramid)
     waiting.clear()
 
 

@@ -225,5 +225,6 @@ class LiveFrontend:
         self.totals.observations += len(output.tracks.observations)
         self.totals.alive.update(np.unique(output.tracks.observations.track_id).tolist())
         self.totals.alive.difference_update(output.tracks.ended.tolist())
-        self.totals.activity_bins += 0 if output.activity is None else len(output.activity.counts)
+        activity = () if output.activity is None else (output.activity,)
+        self.totals.activity_bins += sum(int(piece.valid.sum()) for piece in (*activity, *output.pyramid))
         return output

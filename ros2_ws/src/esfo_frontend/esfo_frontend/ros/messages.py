@@ -20,7 +20,8 @@ from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_ros.time_stamps import to_stamp
 
-BINS_PER_MESSAGE = 32
+MESSAGE_BYTES = 40_000
+"""Most bytes of counts in one message: the default transport carries it without loss."""
 
 
 def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: str) -> Iterator[tuple[str, Any]]:
@@ -35,8 +36,9 @@ def output_messages(output: FrontendOutput, t: int, offset_ns: int, frame_id: st
     if len(rows) or len(output.tracks.ended):
         header = header_at((int(rows.t.max()) if len(rows) else t) + offset_ns, frame_id)
         yield "feature_tracks", tracks_message(output.tracks, header)
-    if output.activity is not None:
-        for message in activity_messages(output.activity, offset_ns, frame_id):
+    activity = () if output.activity is None else (output.activity,)
+    for piece in (*activity, *output.pyramid):
+        for message in activity_messages(piece, offset_ns, frame_id):
             yield "event_activity", message
 
 
@@ -67,10 +69,13 @@ def tracks_message(update: TrackUpdate, header: Header) -> FeatureTracks:
 
 
 def activity_messages(activity: Activity, offset_ns: int, frame_id: str) -> Iterator[EventActivity]:
-    """Return the bins in messages of `BINS_PER_MESSAGE`; offset_ns: host time minus sensor time."""
+    """Return the known bins in messages of up to `MESSAGE_BYTES`; offset_ns: host time minus sensor time.
+
+    Missing bins are not sent: a gap between two messages is missing.
+    """
     _, _, rows, columns = activity.counts.shape
-    for first in range(0, len(activity.counts), BINS_PER_MESSAGE):
-        counts = activity.counts[first : first + BINS_PER_MESSAGE]
+    for first, last in _runs(activity.valid, max(MESSAGE_BYTES // activity.counts[:1].nbytes, 1)):
+        counts = activity.counts[first:last]
         t0 = activity.t0 + first * activity.bin
         yield EventActivity(
             header=header_at(t0 + len(counts) * activity.bin + offset_ns, frame_id),
@@ -81,6 +86,14 @@ def activity_messages(activity: Activity, offset_ns: int, frame_id: str) -> Iter
             columns=columns,
             counts=_flat("H", counts),
         )
+
+
+def _runs(valid: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int]]:
+    """Yield begin and end of stretches of known bins, each of at most `longest`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        for first in range(begin, end, longest):
+            yield first, min(first + longest, end)
 
 
 def image_message(rgb: NDArray[np.uint8], header: Header) -> Image:

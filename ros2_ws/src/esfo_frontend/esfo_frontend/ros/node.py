@@ -37,7 +37,7 @@ EVENTS = Topic("events", EventPacket, best_effort(1000), "event packets or event
 ORBIT = Topic("orbit", OrbitEstimate, latched(), "motion, drawn in the overlay")
 CLUSTERS = Topic("corner_clusters", CornerClusters, reliable(100), "corners: px, sensor time in ns, cluster id")
 TRACKS = Topic("feature_tracks", FeatureTracks, reliable(100), "observations of tracks: id, sensor time in ns, px")
-ACTIVITY = Topic("event_activity", EventActivity, reliable(100), "event counts by time bin, polarity and cell")
+ACTIVITY = Topic("event_activity", EventActivity, reliable(1000), "event counts by time bin, polarity and cell")
 OVERLAY = Topic(
     "overlay", Image, reliable(1), "rgb8: events, tracks, projected spin axis; only while it has subscribers"
 )

@@ -15,6 +15,10 @@ _MOST_CELLS = 14
 """Cells along the longer side of a region that has grown, before they are merged."""
 _SHARE = 0.01
 """Share of the events that may lie beyond each side: noise is everywhere."""
+_BANDS, _EMPTY = 32, 0.1
+"""Bands of rows or columns, of which this share at least sees nothing but noise, or little of the object."""
+_CHANCE = 0.05
+"""Events in a band, relative to the mean of all bands, that are no object."""
 _MARGIN = 0.1
 
 
@@ -43,9 +47,21 @@ def box_of(x: NDArray[np.int64], y: NDArray[np.int64]) -> tuple[int, int, int, i
     """First and last x and y of most events, from the numbers of events per column x (W,) and per row y (H,)."""
     edges = []
     for count in (x, y):
-        share = np.cumsum(count) / max(count.sum(), 1)
+        share = np.cumsum(_above_noise(count))
+        share = share / share[-1] if share[-1] > 0 else np.linspace(0, 1, len(count))
         edges += [int(np.searchsorted(share, _SHARE)), int(np.searchsorted(share, 1 - _SHARE))]
     return edges[0], edges[1], edges[2], edges[3]
+
+
+def _above_noise(count: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Events per line of the image beyond those that every line has: the noise of a sensor is everywhere."""
+    first = np.unique(np.linspace(0, len(count), _BANDS + 1).astype(np.int64))[:-1]
+    lines = np.diff(np.append(first, len(count)))
+    total = np.add.reduceat(count, first).astype(np.float64)
+    noise = float(np.quantile(total / lines, _EMPTY))
+    expected = noise * lines
+    stands_out = total > expected + 3 * np.sqrt(expected) + _CHANCE * count.sum() / len(first)
+    return np.where(np.repeat(stands_out, lines), np.maximum(count - noise, 0.0), 0.0)
 
 
 def region_about(box: tuple[int, int, int, int], width: int, height: int) -> Region:

@@ -25,6 +25,8 @@ _MORE = 1.5
 """Ratio of events at which a later window of a fine level replaces the one given out before."""
 _REST = 16
 """Windows after which one of a fine level is given out if it has half as many events as the best."""
+_FEWEST, _FEWEST_FINE = 8, 64
+"""Bins of coarse and of fine levels that are given out together: a message costs more than its counts."""
 _KNOWN = 0.5
 """Share of a bin that must have been seen; its counts are scaled by it."""
 
@@ -133,11 +135,13 @@ class PyramidCounter:
             level.miss(begin, end)
 
     def take(self) -> list[Activity]:
-        """Return the pieces not returned before, the bins that are complete."""
+        """Return the pieces not returned before: bins that are complete, some of them at a time."""
         if self._last is not None:
             for level in self._levels:
                 if level.streams and level.start is not None:
-                    self._pieces += level.give(self._last // level.bin - level.start)
+                    until = self._last // level.bin - level.start
+                    if until - level.sent >= (_FEWEST if level.bin >= _CONTINUOUS else _FEWEST_FINE):
+                        self._pieces += level.give(until)
         pieces, self._pieces = self._pieces, []
         return pieces
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_core.activity import Activity
-from esfo_core.camera import HasSize
-from esfo_core.events import NS_PER_S, EventArray, empty_events
+from esfo_core.events import EventArray
 from esfo_core.pyramid_counter import PyramidCounter
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP
@@ -25,8 +24,8 @@ class FrontendOutput:
 
     corners: in order of time. With the paper's stages, those that passed the density filter, with their final clusters;
     with association all corners, with their tracks, NO_LABEL as long as a track has no row.
-    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none. pyramid: pieces of
-    the activity pyramid, of several resolutions.
+    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none. pyramid: pieces for
+    an `ActivityPyramid`, of all resolutions.
     """
 
     corners: LabelledCorners
@@ -63,8 +62,8 @@ class Frontend:
         self._next_ids = first_ids
         self._last_t: int | None = None
         self._activity_origin = self._activity_end = 0
-        self._activity_options = self._options.activity
-        self._pyramid = PyramidCounter(*self._size)
+        self._activity_options = options.activity
+        self._pyramid: PyramidCounter | None = None
         self.statistics = Statistics()
 
     @property
@@ -93,20 +92,15 @@ class Frontend:
             stream.advance(int(events["t"][0]), parts)
             n = int(np.searchsorted(events["t"], stream.ready))
             stream.take_in(events[:n])
-            self._pyramid.add(events[:n])
+            self._count(events[:n])
             self._last_t = int(events["t"][n - 1])
             events = events[n:]
         return self._output(parts)
 
-    def run(self, chunks: Iterable[EventArray]) -> Iterator[tuple[EventArray, FrontendOutput]]:
-        """Process a whole stream, chunk by chunk, and end it.
-
-        Yields each chunk with what it settles, then an empty one with what was pending. Raises FrontendError as
-        `process`.
-        """
-        for events in chunks:
-            yield events, self.process(events)
-        yield empty_events(), self.flush()
+    def miss(self, begin: int, end: int) -> None:
+        """Note that events of [begin, end) ns are missing; told after the events before it, before those after it."""
+        if self._pyramid is not None:
+            self._pyramid.miss(begin, end)
 
     def flush(self) -> FrontendOutput:
         """End the stream: settle everything pending and end every track.
@@ -118,9 +112,9 @@ class Frontend:
         if stream is None:
             return self._output(parts)
         stream.finish(parts)
-        self._pyramid.finish()
+        if self._pyramid is not None:
+            self._pyramid.finish()
         output = self._output(parts)
-        self._pyramid = PyramidCounter(*self._size)
         self._stream = None
         self._next_ids = stream.next_ids
         self._activity_end = stream.activity.end
@@ -137,6 +131,12 @@ class Frontend:
         start = StreamStart(self._size, t, activity_start, *self._next_ids)
         self._stream = PIPELINES[self._options.tracker](start, self._options, self.statistics)
         return self._stream
+
+    def _count(self, events: EventArray) -> None:
+        """Count events of a stream for the pyramid, which goes on from stream to stream unless time went back."""
+        if self._pyramid is None or (self._last_t is not None and events["t"][0] < self._last_t):
+            self._pyramid = PyramidCounter(*self._size)
+        self._pyramid.add(events)
 
     def _check(self, events: EventArray) -> None:
         if not len(events):
@@ -164,5 +164,5 @@ class Frontend:
         activity = self._stream.activity.take() if self._stream else None
         observations = Tracks.concatenate(u.observations for u in parts.updates)
         ended = np.sort(np.concatenate([np.empty(0, np.uint32), *(u.ended for u in parts.updates)]))
-        corners, pyramid = LabelledCorners.concatenate(parts.corners), tuple(self._pyramid.take())
-        return FrontendOutput(corners, TrackUpdate(observations, ended), activity, pyramid)
+        pyramid = tuple(self._pyramid.take()) if self._pyramid else ()
+        return FrontendOutput(LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity, pyramid)

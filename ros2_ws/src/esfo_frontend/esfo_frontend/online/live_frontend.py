@@ -84,7 +84,7 @@ class LiveFrontend:
         self._form: tuple[int, int, str] | None = None
         self._decoder: Decoder | None = None
         self._frontend = None
-        self._running = False
+        self._running = self._gap = False
         self._clock = ClockOffset()
         self._arrivals, self._numbers = SequenceTracker(), SequenceTracker()
 
@@ -118,6 +118,7 @@ class LiveFrontend:
         if step is SequenceStep.STALE and form == self._form:
             self.totals.stale += 1
             return
+        self._gap |= turn is Turn.GAP
         try:
             yield from self._prepare(form, step)
             self.frame_id = packet.frame_id or self.camera_frame
@@ -208,6 +209,9 @@ class LiveFrontend:
         self.events = events
         if len(events):
             assert self._frontend is not None
+            if self._gap and self._running:
+                self._frontend.miss(self.last_t, int(events["t"][0]))
+            self._gap = False
             output = self._frontend.process(events)
             self.last_t, self._running = int(events["t"][-1]), True
             self.totals.events += len(events)

@@ -216,7 +216,7 @@ def test_throughput(capsys, tmp_path):
     ("arguments", "said"),
     [
         (("topspin", "."), "no recording with a .truth.json"),
-        (("topspin", "orphan"), "there is its truth"),
+        (("topspin", "orphan"), "although its truth is there"),
         (("topspin", "broken"), "not the truth of a scene"),
         (("event-camera-dataset", "."), "events.txt"),
         (("throughput", "nowhere.mcap"), "nowhere.mcap"),

@@ -21,14 +21,14 @@ from esfo_frontend.options import PRESETS
 from esfo_frontend.warm_up import warm_up
 
 
-class Result(Protocol):
+class BenchmarkResult(Protocol):
     """Result of a benchmark on one recording."""
 
     def to_json(self) -> dict[str, Any]:
         """Return its values by name."""
 
 
-R = TypeVar("R", bound=Result)
+R = TypeVar("R", bound=BenchmarkResult)
 
 
 def add_to(commands: Commands[argparse.ArgumentParser]) -> None:
@@ -129,7 +129,7 @@ def _printed(
     return results
 
 
-def _print_json(args: argparse.Namespace, results: Sequence[Result], **more: object) -> None:
+def _print_json(args: argparse.Namespace, results: Sequence[BenchmarkResult], **more: object) -> None:
     document = {
         "benchmark": args.benchmark,
         "options": args.set,

@@ -13,6 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from esfo_core.codecs import decoder, encoder
+from esfo_core.codecs.text import TextDecoder
+from esfo_core.codecs.text_layout import TextLayout
 from esfo_core.codecs.time_check import TimeCheck
 from esfo_core.errors import RecordingError
 from esfo_core.events import make_events
@@ -81,11 +83,15 @@ HIGH_REACH = {"evt3": 4096 // STEP_US + 1}
 
 def read(encoding, words):
     """Segment with the most events, of the packets through decoder and check."""
-    events_of, check = decoder(encoding, WIDTH, HEIGHT), TimeCheck()
+    events_of = decoder(encoding, WIDTH, HEIGHT)
     base = START_US * 1000 if encoding in ("mono", "libcaer_cmp") else 0
-    segments = [[]]
     packets = [words[i : i + PACKET] for i in range(0, len(words), PACKET)]
-    checked = [pair for w in packets for part in events_of.decode_parts(w.tobytes(), base) for pair in check.push(part)]
+    return largest(part for w in packets for part in events_of.decode_parts(w.tobytes(), base))
+
+
+def largest(parts):
+    check, segments = TimeCheck(), [[]]
+    checked = [pair for part in parts for pair in check.push(part)]
     for part, anew in [*checked, *check.flush()]:
         segments += [[]] if anew else []
         segments[-1].append(part)
@@ -119,3 +125,23 @@ def test_one_damaged_word(encoding, place, flip):
     reach = HIGH_REACH.get(encoding, 2)
     assert len(whole) - len(kept) <= reach
     assert len(got) - len(kept) <= reach + vector  # what the damaged word made of the events of its reach, and its own
+
+
+def as_text(columns):
+    rows = zip(*(EVENTS[name].tolist() for name in columns), strict=True)
+    return "".join(",".join(str(v // 1000 if v > 10**6 else v) for v in row) + "\n" for row in rows).encode()
+
+
+@pytest.mark.parametrize("columns", ["xypt", "txyp"])
+@settings(max_examples=400, deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255) | st.sampled_from(list(b"0123456789,\n -.e#")))
+def test_one_damaged_byte_of_a_text(columns, place, byte):
+    text = bytearray(as_text(columns))
+    text[int(place * len(text))] = byte
+    d = TextDecoder(TextLayout(tuple(columns), "us"), WIDTH, HEIGHT)
+    parts = [part for i in range(0, len(text), 500) for part in d.decode_parts(bytes(text[i : i + 500]))]
+    got = largest([*parts, d.finish()[0]])
+    whole = {event.tolist() for event in EVENTS}
+    kept = {event.tolist() for event in got} & whole
+    assert len(whole) - len(kept) <= 2
+    assert len(got) - len(kept) <= 1

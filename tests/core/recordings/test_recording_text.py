@@ -64,16 +64,17 @@ def test_what_the_user_tells_comes_first(tmp_path):
     ("content", "message"),
     [
         ("just text, nothing more\n", "starts with 'just text"),
-        ("one line\nanother line\n1 2 3 4\n", "text of no known form"),
+        ("one line\nanother line\n1 2 3 4\n", "no order of columns fits"),
         ("a,b,c,d\n1,2,1,4\n", "'a,b,c,d' does not name x, y, p and t"),
         ("x,y,p,t\n", "without a line of events"),
         ("x,y,p,t\n1,2,1,4,5\n", "has 5 columns, not x,y,p,t"),
         ("1 2 3 4 5\n", "5 columns without names"),
-        ("1 2 3 4\n", "no column of polarities"),
+        ("1 2 3 4\n", "no order of columns fits"),
         ("1.0 2 3 1\n2.0 2 3 1\n", "leave their unit open"),
-        ("1,2,1,1\n1,2,0,2\n1,2,-1,3\n", "line 3 is no event"),  # 0 and -1: no knowing
-        ("# 1\nx,y,p,t\n1,2,1,1\n\n1,2,junk,2\n", "line 5 is no event of x,y,p,t with time in us: '1,2,junk,2'"),
-        ("1,2,1,1\n1,-2,1,2\n", "line 2 is no event"),
+        ("1,2,1,1\n1,2,0,2\n1,2,-1,3\n", "line 3: p is 0 and -1 for off"),  # 0 and -1: no knowing
+        ("# 1\nx,y,p,t\n1,2,1,1\n\n1,2,junk,2\n", "line 5: p is 'junk', not 0, 1, -1, true or false: '1,2,junk,2'"),
+        ("1,2,1,1\n1,-2,1,2\n", "line 2: y is '-2', not a whole number from 0 to 65535"),
+        ("1,2,1,1\n1,2,1\n", "line 2: 3 fields, not 4: '1,2,1' .read as x,y,p,t with time in us; the options"),
         ("1,2,1,1\n" + 5000 * "7", "line 2 is longer than 4096 bytes"),
     ],
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,4 +164,6 @@ class Frontend:
         observations = Tracks.concatenate(u.observations for u in parts.updates)
         ended = np.sort(np.concatenate([np.empty(0, np.uint32), *(u.ended for u in parts.updates)]))
         pyramid = tuple(self._pyramid.take()) if self._pyramid else ()
-        return FrontendOutput(LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity, pyramid)
+        return FrontendOutput(
+            LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity, pyramid
+        )

@@ -61,6 +61,7 @@ def _left_out(recording: Recording) -> list[str]:
         "events outside the sensor": d.out_of_range,
         "events before the first time or address of their stream": d.unsynchronised,
         "words of no known code": d.unknown_words,
+        f"lines that are no events, the first {s.first_fault}": d.bad_lines,
         "packets that are missing in the recording": s.packets_lost,
         "packets that cannot be read": s.packets_damaged,
         "events at times that those around them contradict": s.outliers,

@@ -16,7 +16,7 @@ from esfo_core.recordings.recording import MOST_EVENTS
 
 PEAK_WINDOW_NS = 10_000_000
 GAP_NS = 100_000_000
-INFERRED = ", what the events need; the file tells no size"
+INFERRED = ", what the events need; the file tells no size (options width and height)"
 
 
 @dataclass
@@ -67,6 +67,7 @@ def _contents(recording: Recording) -> list[tuple[str, str]]:
     return [
         ("format", recording.format),
         ("sensor", f"{recording.width}x{recording.height} px{INFERRED if recording.size_inferred else ''}"),
+        *(("found out", guess) for guess in recording.guesses),
         ("camera", _camera(recording)),
         ("events", f"{s.events} ({s.events_on} on, {s.events - s.events_on} off)"),
         ("triggers", f"{s.decoder.triggers_rising} rising, {s.decoder.triggers_falling} falling"),
@@ -121,6 +122,8 @@ def _losses(recording: Recording) -> list[tuple[str, str]]:
         "words of no known code": d.unknown_words,
         "bytes that make no whole word": d.trailing_bytes,
     }
+    if d.bad_lines:
+        facts.append(("bad lines", f"{d.bad_lines} skipped; the first is {s.first_fault}"))
     if any(decoding.values()):
         facts.append(("skipped", ", ".join(f"{count} {name}" for name, count in decoding.items() if count)))
     return [*facts, *_segments(recording)]

@@ -29,7 +29,8 @@ class DecoderStatistics:
     events: events that came out. triggers_rising, triggers_falling: external triggers.
     out_of_range: events outside the sensor, dropped. unsynchronised: events before the first time stamp or address,
     dropped. unknown_words: words of no known code, skipped. out_of_order: events earlier than one before them in the
-    same packet, sorted in. trailing_bytes: bytes at the end of packets that make no whole word, skipped.
+    same packet, sorted in. trailing_bytes: bytes at the end of packets that make no whole word, skipped. bad_lines:
+    lines of text that are no events, skipped.
     """
 
     events: int = 0
@@ -40,6 +41,7 @@ class DecoderStatistics:
     unknown_words: int = 0
     out_of_order: int = 0
     trailing_bytes: int = 0
+    bad_lines: int = 0
 
 
 class Decoder(ABC):

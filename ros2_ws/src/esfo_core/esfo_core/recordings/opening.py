@@ -13,7 +13,7 @@ from esfo_core.recordings.bag import BagRecording
 from esfo_core.recordings.byte_stream import COMPRESSED
 from esfo_core.recordings.hdf5 import MAGIC as HDF5
 from esfo_core.recordings.hdf5 import Hdf5Recording
-from esfo_core.recordings.prophesee import PropheseeRecording
+from esfo_core.recordings.prophesee import PropheseeRecording, has_format
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 from esfo_core.recordings.text import TextRecording
@@ -57,7 +57,7 @@ def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Record
             if path.suffix != suffix:
                 raise RecordingError(f"holds a {kind}, which needs the extension {suffix}")
             return BagRecording(path, [path], kind, topic)
-    if start.startswith(b"% "):
+    if start.startswith(b"% ") and (has_format(path) or not _TEXT.issuperset(start)):
         return PropheseeRecording(path)
     if start.startswith(AEDAT4):
         return Aedat4Recording(path, topic)

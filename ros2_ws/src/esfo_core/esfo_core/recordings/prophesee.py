@@ -66,6 +66,16 @@ class PropheseeRecording(Recording):
                 yield from events_of.decode_parts(block)
 
 
+def has_format(path: Path) -> bool:
+    """Whether the header of a file that begins with % names a format of Prophesee's, rather than standing over a text.
+
+    Raises RecordingError for a header without an end.
+    """
+    with path.open("rb") as file:
+        fields, _ = _read_header(file)
+    return not fields.keys().isdisjoint(("format", "evt", "version"))
+
+
 def _read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
     """Return the fields of the `% key value` lines, keys in lower case, and the position after them."""
     fields: dict[str, str] = {}

@@ -46,7 +46,8 @@ class RecordingStatistics:
     packet, sorted in. bytes_lost: bytes at the end of a cut-off file that hold nothing whole.
     host_offset: host time minus sensor time in ns of the first packet with events, None where no host time is known.
     outliers: events dropped whose times those around them contradict. stretches: the segments met so far, one more than
-    the clock was set back. decoder: counters of the decoder.
+    the clock was set back. first_fault: what is wrong with the first line of text that was skipped.
+    decoder: counters of the decoder.
     """
 
     events: int = 0
@@ -60,6 +61,7 @@ class RecordingStatistics:
     bytes_lost: int = 0
     host_offset: int | None = None
     outliers: int = 0
+    first_fault: str = ""
     stretches: list[Segment] = field(default_factory=lambda: [Segment()])
     decoder: DecoderStatistics = field(default_factory=DecoderStatistics)
 
@@ -79,6 +81,7 @@ class Recording(ABC):
 
     path: its file or folder. format: short name of the file format and encoding. width, height: sensor size in pixels.
     size_inferred: neither the file nor the user told the sensor size; it is what the events need.
+    guesses: what else the reader found out from the events, each with the option that says otherwise.
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
     wanted_segment: number of the segment that `chunks` is to yield, of a recording whose clock is set back; 0 is the
     first. segment: the one that it yields, once that is known.
@@ -92,6 +95,7 @@ class Recording(ABC):
         self.width = 0
         self.height = 0
         self.size_inferred = False
+        self.guesses: tuple[str, ...] = ()
         self.wanted_segment = MOST_EVENTS
         self.segment = 0
         self.unusable_camera: EsfoError | None = None

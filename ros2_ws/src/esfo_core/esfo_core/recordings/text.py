@@ -9,6 +9,7 @@ from esfo_core.codecs.text import TextDecoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.byte_stream import ByteStream
+from esfo_core.recordings.extent import Extent
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 from esfo_core.recordings.text_layout import find_layout
@@ -30,6 +31,7 @@ class TextRecording(Recording):
         self._stream = ByteStream(path)
         self._start = find_layout(self._head(), options)
         self.encoding = "text"
+        self.guesses = self._start.guesses
         size = options.size or self._start.size
         self.width, self.height = size or self._extent()
         self.size_inferred = size is None
@@ -49,6 +51,7 @@ class TextRecording(Recording):
             self.statistics.packets += 1
             data, skip = block[skip:], max(0, skip - len(block))
             yield from decoder.decode_parts(data)
+            self.statistics.first_fault = decoder.first_fault
         events, lost = decoder.finish()
         self.statistics.bytes_lost = max(lost, int(self._stream.cut))
         yield events
@@ -64,12 +67,9 @@ class TextRecording(Recording):
         return head[:_HEAD]
 
     def _extent(self) -> tuple[int, int]:
-        """Sensor size that just holds all events."""
+        """Sensor size that just holds the events."""
         self.width = self.height = _LARGEST_SIZE
-        x = y = -1
+        extent = Extent()
         for events in self._packets():
-            if len(events):
-                x, y = max(x, int(events["x"].max())), max(y, int(events["y"].max()))
-        if x < 0:
-            raise RecordingError("text without an event")
-        return x + 1, y + 1
+            extent.add(events["x"], events["y"])
+        return extent.size()

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
-from esfo_core.codecs.text import TextLayout
+from esfo_core.codecs.text_fault import number_of
+from esfo_core.codecs.text_layout import COLUMNS, TextLayout
+from esfo_core.codecs.text_numbers import OFF_WORDS, ON_WORDS
 from esfo_core.errors import RecordingError
 from esfo_core.recordings.reading_options import ReadingOptions
+from esfo_core.recordings.text_guess import likely_columns, likely_unit
 
-_SEPARATOR = re.compile(r"[ ,;\t\r]+")
+_SEPARATOR = re.compile(r"[ ,;\t\r\"]+")
+_GEOMETRY = re.compile(r"geometry\W+(\d+)\D+(\d+)", re.IGNORECASE)
 _WORD = re.compile(r"[A-Za-zµ]+")
 
 _NAMES = {
@@ -25,8 +29,9 @@ _UNITS = {
     "us": ("us", "µs", "usec", "microseconds"),
     "ns": ("ns", "nsec", "nanoseconds"),
 }
-_POLARITIES = {Decimal(-1), Decimal(0), Decimal(1)}
 _SAMPLE_LINES = 1000
+_LONG_HEAD = 1000  # bytes of text without an event in it
+_MARK = b"\xef\xbb\xbf"  # of the byte order, before UTF-8 of Windows
 
 
 @dataclass(frozen=True)
@@ -34,10 +39,22 @@ class TextStart:
     """Layout and start of a text, from its first bytes.
 
     layout: of its lines. skip: bytes before the first event line. lines: how many lines these are.
-    size: width and height in pixels where the first line gives them, else None.
+    size: width and height in pixels where a line before the events gives them, else None. guesses: what was found out
+    from the numbers, each with the option that says otherwise.
     """
 
     layout: TextLayout
+    skip: int
+    lines: int
+    size: tuple[int, int] | None
+    guesses: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Head:
+    """The lines before the first event: those without comments, split; their bytes and number, and a size in them."""
+
+    rows: list[list[str]]
     skip: int
     lines: int
     size: tuple[int, int] | None
@@ -46,50 +63,56 @@ class TextStart:
 def find_layout(start: bytes, options: ReadingOptions) -> TextStart:
     """Find the layout of a text from its first bytes (whole lines of them are looked at).
 
-    Columns come from the options, else from a line of names, else from the numbers: t,x,y,p or x,y,p,t, whichever has
-    polarities in its place; where both have, the first between spaces, the second between commas. The unit comes from
-    the options, else from the name of the time column (`t_us`), else times with decimals are in s, others in us.
+    Columns come from the options, else from a line of names, else from the numbers (`likely_columns`). The unit comes
+    from the options, else from the name of the time column (`t_us`), else from the numbers (`likely_unit`).
 
     Raises RecordingError for text that is no table of events, or one that leaves the columns or the unit open.
     """
-    head, skip, lines = _head(start)
-    size = None
-    if len(head) == 1 and len(head[0]) == 2 and all(field.isdecimal() for field in head[0]):
-        size = (int(head[0][0]), int(head[0][1]))
-    elif len(head) > 1:
-        raise RecordingError(f"text of no known form; its first line is {' '.join(head[0])[:60]!r}")
-    sample = _sample(start[skip:])
-    unit = ""
+    head = _head(start)
+    sample = _sample(start[head.skip :])
+    first = start[head.skip :].partition(b"\n")[0]
+    unit, guesses, unread = "", [], head.rows
     if options.columns:
         names = tuple(options.columns.replace(" ", "").split(","))
-    elif head and size is None:
-        names, unit = _named_columns(head[0])
+    elif head.rows and len(head.rows[-1]) >= len(COLUMNS):
+        names, unit = _named_columns(head.rows[-1])
+        unread = head.rows[:-1]
     else:
-        names = _likely_columns(sample, b"," in start[skip:].partition(b"\n")[0])
+        names = likely_columns(sample, b"," in first)
+        guesses.append(f"columns {','.join(names)} (option columns)")
     if any(len(row) != len(names) for row in sample[:1]):
         raise RecordingError(f"the first line of numbers has {len(sample[0])} columns, not {','.join(names)}")
-    unit = options.time_unit or unit or _likely_unit([row[names.index("t")] for row in sample if "t" in names])
-    return TextStart(TextLayout(names, unit), skip, lines, size)
+    unit = options.time_unit or unit
+    if not unit:
+        unit = likely_unit([row[names.index("t")] for row in sample if "t" in names and len(row) == len(names)])
+        guesses.append(f"time in {unit} (option time_unit)")
+    if unread:
+        guesses.append(f"{len(unread)} lines before the events hold none: {' '.join(unread[0])[:40]!r} ...")
+    return TextStart(TextLayout(names, unit), head.skip, head.lines, head.size, tuple(guesses))
 
 
-def _head(start: bytes) -> tuple[list[list[str]], int, int]:
-    """Return the lines before the first event, split, without comments; their bytes, and their number."""
-    head: list[list[str]] = []
-    position = lines = 0
+def _head(start: bytes) -> _Head:
+    rows: list[list[str]] = []
+    size = None
+    position, lines = len(_MARK) * start.startswith(_MARK), 0
     while position < len(start):
         end = start.find(b"\n", position)
         end = len(start) if end < 0 else end
-        line = start[position:end].decode("utf-8-sig", "replace").strip()
+        line = start[position:end].decode("utf-8", "replace").strip()
         fields = _fields(line)
-        if fields and not line.startswith("#"):
-            if len(fields) >= 4 and all(_number(field) is not None for field in fields[:4]):
-                return head, position, lines
-            head.append(fields)
-            if len(head) > 1:
-                break
+        geometry = _GEOMETRY.search(line)
+        if geometry:
+            size = (int(geometry[1]), int(geometry[2]))
+        elif fields and not line.startswith(("#", "%")):
+            if len(fields) >= len(COLUMNS) and sum(_value(field) is not None for field in fields) >= len(COLUMNS):
+                return _Head(rows, position, lines, size)
+            if not rows and len(fields) == 2 and all(field.isdecimal() for field in fields):
+                size = (int(fields[0]), int(fields[1]))
+            else:
+                rows.append(fields)
         position, lines = end + 1, lines + 1
-    if len(head) > 1:
-        return head, position, lines
+    if rows and len(start) >= _LONG_HEAD:
+        raise RecordingError(f"text of no known form; its first line is {' '.join(rows[0])[:60]!r}")
     raise RecordingError(f"text without a line of events; it starts with {start[:40].decode('ascii', 'replace')!r}")
 
 
@@ -101,19 +124,17 @@ def _sample(data: bytes) -> list[list[Decimal]]:
     """Numbers of the first lines, as far as they are numbers; the decoder tells of the others."""
     rows = []
     for line in data.decode("ascii", "replace").split("\n")[:-1][:_SAMPLE_LINES] or [data.decode("ascii", "replace")]:
-        numbers = [_number(field) for field in _fields(line.strip())]
+        numbers = [_value(field) for field in _fields(line.strip())]
         row = [number for number in numbers if number is not None]
-        if len(row) == len(numbers) >= 4:
+        if len(row) == len(numbers) >= len(COLUMNS):
             rows.append(row)
     return rows
 
 
-def _number(field: str) -> Decimal | None:
-    try:
-        number = Decimal(field)
-    except InvalidOperation:
-        return None
-    return number if number.is_finite() else None
+def _value(field: str) -> Decimal | None:
+    """A number, or a polarity in words as one."""
+    word = field.lower()
+    return Decimal(word in ON_WORDS) if word in (*ON_WORDS, *OFF_WORDS) else number_of(field)
 
 
 def _named_columns(fields: list[str]) -> tuple[tuple[str, ...], str]:
@@ -138,25 +159,3 @@ def _named_columns(fields: list[str]) -> tuple[tuple[str, ...], str]:
 
 def _key(known: dict[str, tuple[str, ...]], word: str) -> str:
     return next((key for key, words in known.items() if word in words), "")
-
-
-def _likely_columns(sample: list[list[Decimal]], commas: bool) -> tuple[str, ...]:
-    if not sample or len(sample[0]) != 4:
-        found = len(sample[0]) if sample else 0
-        raise RecordingError(f"text of {found} columns without names; say which they are by the option columns")
-    orders = [("x", "y", "p", "t"), ("t", "x", "y", "p")]
-    if not commas:
-        orders.reverse()
-    for order in orders:
-        place = order.index("p")
-        if all(len(row) == 4 and row[place] in _POLARITIES for row in sample):
-            return order
-    raise RecordingError("no column of polarities where x,y,p,t or t,x,y,p have it; say them by the option columns")
-
-
-def _likely_unit(times: list[Decimal]) -> str:
-    if all(t.as_tuple().exponent == 0 for t in times):
-        return "us"
-    if any(t % 1 for t in times):
-        return "s"
-    raise RecordingError("times with decimals that are all zero leave their unit open; say it by the option time_unit")

@@ -51,7 +51,7 @@ def test_evt21_in_both_orders_of_its_halves(tmp_path, lines, order):
     [
         (EVT3_HEADER, "no events in 0 packets"),
         (EVT3_HEADER + EVT3_EVENT[:6], "no events in 1 packets"),
-        (b"% evt 3.0\n", "no sensor size"),
+        (b"% evt 3.0\n", "no event tells the sensor size"),
         (b"% evt 3.0\n% geometry big\n", "'big' x ''"),
         (b"% evt 3.0\n% geometry 0x480\n", "0x480"),
         (b"% evt 4.0\n% geometry 640x480\n", "unknown event encoding 'evt4'"),

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from esfo_core.calibration_files import read_fields
 from esfo_core.errors import CameraError
 
 _COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+_NAMES = {
+    **dict.fromkeys(("radtan", "radial_tangential", "radialtangential", "radial-tangential", "brown"), "plumb_bob"),
+    **dict.fromkeys(("fisheye", "equi", "kannala_brandt", "kb4"), "equidistant"),
+    **dict.fromkeys(("rational", "radtan8"), "rational_polynomial"),
+}
+"""Models of ROS by the names that other tools have for them."""
 
 
 class HasSize(Protocol):
@@ -41,8 +47,9 @@ class Camera:
     """A calibrated camera.
 
     width, height: sensor size in pixels. K: (3, 3) intrinsic matrix in pixels, zero skew.
-    distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant`; D: its coefficients in ROS order
-    (empty: no distortion).
+    distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant`, or the name that another tool has for it;
+    D: its coefficients in ROS order (empty: no distortion), of which those at the end may be missing or too many where
+    they are zero.
 
     Raises CameraError for non-finite or impossible values.
     """
@@ -65,14 +72,22 @@ class Camera:
         self._check_distortion()
 
     def _check_distortion(self) -> None:
+        """Check model and coefficients; bring names and numbers of other tools to those of ROS."""
+        name = self.distortion_model.lower()
+        object.__setattr__(self, "distortion_model", _NAMES.get(name, self.distortion_model))
         if self.D.ndim != 1 or not np.isfinite(self.D).all():
             raise CameraError(f"distortion coefficients are not a row of finite numbers: {self.D.tolist()}")
         allowed = _COEFFICIENTS.get(self.distortion_model)
         if len(self.D) and allowed is None:
             raise CameraError(f"unknown distortion model {self.distortion_model!r}; known: {sorted(_COEFFICIENTS)}")
-        if self._distorts and allowed is not None and len(self.D) not in allowed:
+        if not self._distorts or allowed is None or len(self.D) in allowed:
+            return
+        if self.D[allowed[-1] :].any():
             counts = " or ".join(map(str, allowed))
-            raise CameraError(f"{self.distortion_model} takes {counts} coefficients, got {len(self.D)}")
+            raise CameraError(f"{self.distortion_model} takes {counts} coefficients, got {len(self.D)}, not all zero")
+        filled = np.zeros(allowed[-1])
+        filled[: len(self.D)] = self.D[: allowed[-1]]
+        object.__setattr__(self, "D", filled)
 
     @staticmethod
     def pinhole(width: int, height: int, focal_px: float) -> Camera:
@@ -186,25 +201,15 @@ class Camera:
 
     @staticmethod
     def read_yaml(path: Path) -> Camera:
-        """Read a ROS `camera_calibration` file. Raises CameraError with the field that is wrong."""
+        """Read a calibration file of ROS, or of another tool that `calibration_files` knows.
+
+        Raises CameraError with the field that is wrong.
+        """
+        fields = read_fields(path)
         try:
-            content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise CameraError(f"{path}: {error.strerror}") from error
-        except (yaml.YAMLError, ValueError, RecursionError) as error:
-            raise CameraError(f"{path}: not a YAML file ({str(error).splitlines()[0]})") from error
-        try:
-            return Camera(
-                _whole(content, "image_width"),
-                _whole(content, "image_height"),
-                np.array(content["camera_matrix"]["data"], np.float64).reshape(3, 3),
-                str(content.get("distortion_model") or "plumb_bob"),
-                np.array(content.get("distortion_coefficients", {}).get("data", []), np.float64),
-            )
+            return Camera(fields.width, fields.height, fields.K, fields.distortion_model or "plumb_bob", fields.D)
         except CameraError as error:
             raise CameraError(f"{path}: {error}") from error
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise CameraError(f"{path}: not a camera_calibration file ({type(error).__name__}: {error})") from error
 
     def write_yaml(self, path: Path, name: str = "camera") -> None:
         """Write a ROS `camera_calibration` file."""
@@ -225,10 +230,3 @@ class Camera:
             "projection_matrix": matrix(P),
         }
         path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
-
-
-def _whole(content: Mapping[str, Any], name: str) -> int:
-    number = float(content[name])
-    if not number.is_integer():
-        raise CameraError(f"{name} is {content[name]!r}, not a whole number")
-    return int(number)

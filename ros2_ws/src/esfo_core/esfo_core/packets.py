@@ -14,7 +14,12 @@ EVENT_PACKET = "event_camera_msgs/msg/EventPacket"
 OLD_EVENT_PACKET = "event_array_msgs/msg/EventArray"
 """The former name of `EventPacket`, with the same fields."""
 
-EVENT_ARRAYS = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray", "dv_ros2_msgs/msg/EventArray")
+EVENT_ARRAYS = (
+    "dvs_msgs/msg/EventArray",
+    "prophesee_event_msgs/msg/EventArray",
+    "dv_ros2_msgs/msg/EventArray",
+    "dv_ros_msgs/msg/EventArray",
+)
 """Types with the fields of `dvs_msgs/EventArray`, here under the names of ROS 2."""
 
 SUPPORTED = (EVENT_PACKET, OLD_EVENT_PACKET, *EVENT_ARRAYS)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_core.activity import Activity
-from esfo_core.events import EventArray
+from esfo_core.camera import HasSize
+from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_core.pyramid_counter import PyramidCounter
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.activity import LONGEST_FILLED_GAP

@@ -8,25 +8,30 @@ from typing import Any
 
 from esfo_core.camera import Camera
 from esfo_core.codecs import Decoder, decoder
-from esfo_core.errors import CameraError, EsfoError, RecordingError
+from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray
 from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet
 from esfo_core.recordings.bag_file import BagFile
+from esfo_core.recordings.camera_topics import camera_of
 from esfo_core.recordings.cut_mcap import CutMcap, is_cut
-from esfo_core.recordings.messages import CAMERA_INFO, camera_from_info
+from esfo_core.recordings.messages import CAMERA_INFO
+from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 
 
 class BagRecording(Recording):
     """Events of one topic of a bag that consists of one or several files.
 
-    The camera is that of the `camera_info` topic beside the event topic, or else of the bag's only `CameraInfo` topic
-    if it describes a sensor of the same size.
+    The camera is that of the `camera_info` topic beside the event topic, or else of the only other `CameraInfo` topic
+    that describes a sensor of the same size; uncalibrated messages are skipped. Where neither the options nor the
+    messages tell the sensor size, all events are read once for it.
 
     Raises RecordingError for a bag without events, or with several event topics unless `topic` names one.
     """
 
-    def __init__(self, path: Path, files: Sequence[Path], kind: str, topic: str | None = None) -> None:
+    def __init__(
+        self, path: Path, files: Sequence[Path], kind: str, topic: str | None, options: ReadingOptions
+    ) -> None:
         super().__init__(path, sum(file.stat().st_size for file in files))
         self._files = [CutMcap(file) if file.suffix == ".mcap" and is_cut(file) else BagFile(file) for file in files]
         topics = self._topics(SUPPORTED)
@@ -35,9 +40,15 @@ class BagRecording(Recording):
         first: Packet | None = next((m for m in self._all(self.topic, self._kind) if m is not None), None)
         if first is None:
             raise RecordingError(f"no readable message on the event topic {self.topic!r}")
-        self.width, self.height, self.encoding = first.width, first.height, first.encoding
+        self._form = (first.width, first.height, first.encoding)
+        self.encoding = first.encoding
         self.format = f"{kind}, {self._kind.replace('/msg/', '/') if self._kind in EVENT_ARRAYS else self.encoding}"
+        told = (first.width, first.height) if first.width and first.height else None
+        size = options.size or told
+        self.width, self.height = size or (1, 1)
         self._new_decoder()
+        self.width, self.height = size or self._size_of_events()
+        self.size_inferred = size is None
         try:
             self.camera = self._find_camera()
         except EsfoError as error:
@@ -95,34 +106,20 @@ class BagRecording(Recording):
 
     def _check_same(self, packet: Packet) -> None:
         found = (packet.width, packet.height, packet.encoding)
-        if found != (self.width, self.height, self.encoding):
+        if found != self._form:
+            width, height, encoding = self._form
             raise RecordingError(
                 f"packet {packet.seq} of {self.topic!r} is {found[0]}x{found[1]} {found[2]!r} after "
-                f"{self.width}x{self.height} {self.encoding!r}"
+                f"{width}x{height} {encoding!r}"
             )
         if packet.big_endian:
             raise RecordingError(f"packet {packet.seq} of {self.topic!r} is big-endian")
 
     def _find_camera(self) -> Camera | None:
-        topics = [topic for topic, _ in self._topics([CAMERA_INFO])]
         beside = self.topic.rpartition("/")[0] + "/camera_info"
-        if beside not in topics and len(topics) != 1:
-            return None
-        topic = beside if beside in topics else topics[0]
-        info = next((m for m in self._all(topic, CAMERA_INFO) if m is not None), None)
-        if info is None:
-            return None
-        size = (int(info.width), int(info.height))
-        if size != (self.width, self.height):
-            if topic != beside:  # another camera's
-                return None
-            raise RecordingError(
-                f"{topic!r} is of {size[0]}x{size[1]} pixels, the events of {self.width}x{self.height}"
-            )
-        try:
-            return camera_from_info(info)
-        except CameraError as error:
-            raise CameraError(f"{topic!r}: {error}") from error
+        topics = sorted((topic for topic, _ in self._topics([CAMERA_INFO])), key=lambda topic: topic != beside)
+        infos = {topic: (m for m in self._all(topic, CAMERA_INFO) if m is not None) for topic in topics}
+        return camera_of(infos, beside, (self.width, self.height))
 
 
 def _choose(topics: dict[tuple[str, str], int], wanted: str | None) -> tuple[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rosbags.interfaces import MessageDefinitionFormat
@@ -13,6 +14,7 @@ from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.recordings.event_messages import check_definition, reader_of
+from esfo_core.recordings.write_ahead import log_of, merged
 
 
 class BagFile:
@@ -24,6 +26,10 @@ class BagFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.bytes_lost = 0
+        log = log_of(path) if path.suffix == ".db3" else None
+        if log is not None:
+            self._folder = TemporaryDirectory(prefix="esfo_")  # goes with this object
+            self.path = merged(path, log, self._folder)
         self._ros1 = path.suffix == ".bag"
 
     def topics(self, kinds: Sequence[str]) -> dict[tuple[str, str], int]:

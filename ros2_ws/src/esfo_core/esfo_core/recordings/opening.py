@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import yaml
@@ -41,7 +42,7 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     the calibration in a bag is impossible.
     """
     try:
-        recording = _open_folder(path, topic) if path.is_dir() else _open_file(path, topic, options)
+        recording = _open_folder(path, topic, options) if path.is_dir() else _open_file(path, topic, options)
     except (RecordingError, CameraError) as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
@@ -56,9 +57,9 @@ def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Record
         if start.startswith(magic):
             if path.suffix != suffix:
                 raise RecordingError(f"holds a {kind}, which needs the extension {suffix}")
-            return BagRecording(path, [path], kind, topic)
+            return BagRecording(path, [path], kind, topic, options)
     if start.startswith(b"% ") and (has_format(path) or not _TEXT.issuperset(start)):
-        return PropheseeRecording(path)
+        return PropheseeRecording(path, options)
     if start.startswith(AEDAT4):
         return Aedat4Recording(path, topic)
     if start.startswith(HDF5):
@@ -78,7 +79,7 @@ def _first_bytes(path: Path) -> bytes:
     return start
 
 
-def _open_folder(path: Path, topic: str | None) -> Recording:
+def _open_folder(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
     files = _files_of(path)
     kinds = {suffix: kind for suffix, kind in _BAG_KINDS.values() if suffix != ".bag"}
     suffixes = {file.suffix for file in files}
@@ -87,17 +88,23 @@ def _open_folder(path: Path, topic: str | None) -> Recording:
         raise RecordingError(f"the folder is no ROS 2 bag of .mcap or .db3 files (found: {names or 'none'})")
     for file in files:
         _first_bytes(file)
-    return BagRecording(path, files, kinds[files[0].suffix], topic)
+    return BagRecording(path, files, kinds[files[0].suffix], topic, options)
+
+
+def _in_order(file: Path) -> list[tuple[int, int, str]]:
+    """Key that sorts the numbers in names as numbers: parts of a bag are numbered without zeros before."""
+    parts = re.split(r"(\d+)", file.name)
+    return [(1, int(part), "") if part.isdecimal() else (0, 0, part) for part in parts]
 
 
 def _files_of(path: Path) -> list[Path]:
-    """Storage files in the order of metadata.yaml; without one, in that of their names.
+    """Storage files in the order of metadata.yaml; without one, in that of the numbers in their names.
 
     Its storage identifier is not needed (and empty in some bags): extensions tell.
     """
     metadata = path / "metadata.yaml"
     if not metadata.exists():
-        return sorted(file for file in path.iterdir() if file.suffix in (".mcap", ".db3"))
+        return sorted((file for file in path.iterdir() if file.suffix in (".mcap", ".db3")), key=_in_order)
     try:
         content = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
         return [path / Path(name).name for name in content["relative_file_paths"]]

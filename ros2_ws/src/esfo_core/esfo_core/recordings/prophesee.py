@@ -9,6 +9,7 @@ from typing import BinaryIO
 from esfo_core.codecs import decoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray
+from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 
 BLOCK = 1 << 20
@@ -33,10 +34,12 @@ _PLUGIN_SIZES = {
 class PropheseeRecording(Recording):
     """Events of a RAW or DAT file; it holds no calibration.
 
-    Raises RecordingError for a header without encoding or sensor size, another event type, or an unknown encoding.
+    Where neither the options nor the header give the sensor size, the whole file is read once for it.
+
+    Raises RecordingError for a header without encoding, another event type, or an unknown encoding.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: ReadingOptions) -> None:
         super().__init__(path, path.stat().st_size)
         with path.open("rb") as file:
             fields, self._start = _read_header(file)
@@ -45,10 +48,12 @@ class PropheseeRecording(Recording):
             if self.encoding == "dat":
                 _check_dat_type(file.read(2))
                 self._start += 2
-        self.width, self.height = _size(fields)
         self.format = "Prophesee DAT" if self.encoding == "dat" else f"Prophesee RAW, {self.encoding}"
         self._read = self._start
-        decoder(self.encoding, self.width, self.height)
+        size = options.size or _size(fields)
+        decoder(self.encoding, *(size or (1, 1)))
+        self.width, self.height = size or self._size_of_events()
+        self.size_inferred = size is None
 
     def progress(self) -> float:
         """Fraction of the bytes read."""
@@ -114,8 +119,8 @@ def _check_dat_type(head: bytes) -> None:
         raise RecordingError(f"DAT events of type {kind:#04x} and {size} bytes are not pixel events of 8 bytes")
 
 
-def _size(fields: dict[str, str]) -> tuple[int, int]:
-    """Sensor size, from whichever field has it."""
+def _size(fields: dict[str, str]) -> tuple[int, int] | None:
+    """Sensor size, from whichever field has it; None where none has."""
     detail = dict(item.partition("=")[::2] for item in fields.get("format", "").split(";"))
     if "geometry" in fields:
         width, _, height = fields["geometry"].partition("x")
@@ -126,9 +131,7 @@ def _size(fields: dict[str, str]) -> tuple[int, int]:
     else:
         plugin = fields.get("plugin_name", "")
         known = [size for name, size in _PLUGIN_SIZES.items() if name in plugin]
-        if not known:
-            raise RecordingError(f"the header gives no sensor size, nor a plugin of known size ({plugin!r})")
-        return known[0]
+        return known[0] if known else None
     if not (width.isdecimal() and height.isdecimal()):
         raise RecordingError(f"the header gives the sensor size {width!r} x {height!r}")
     return int(width), int(height)

@@ -12,8 +12,8 @@ from esfo_core.options import option
 class ReadingOptions:
     """Properties for files that do not state them; the empty value of each leaves it to the reader."""
 
-    width: int = option(0, "sensor width in pixels, for text and HDF5 files; 0: the largest x plus 1", 0, 65536)
-    height: int = option(0, "sensor height in pixels, for text and HDF5 files; 0: the largest y plus 1", 0, 65536)
+    width: int = option(0, "sensor width in pixels; 0: from the file, else inferred from the events", 0, 65536)
+    height: int = option(0, "sensor height in pixels; 0: from the file, else inferred from the events", 0, 65536)
     columns: str = option("", "column names of a text file, such as t,x,y,p; others are skipped; empty: inferred")
     time_unit: str = option(
         "", "unit of the times in a text file; empty: inferred", choices=("", "s", "ms", "us", "ns")

@@ -14,6 +14,7 @@ from esfo_core.codecs import DecoderStatistics
 from esfo_core.codecs.time_check import TimeCheck
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import EventArray
+from esfo_core.recordings.extent import Extent
 from esfo_core.recordings.ordering import TimeOrder
 
 CHUNK_NS = 10_000_000
@@ -155,6 +156,15 @@ class Recording(ABC):
 
         Raises RecordingError without the path, and OSError; `chunks` adds the path.
         """
+
+    def _size_of_events(self) -> tuple[int, int]:
+        """Sensor size that holds the events but for stray ones; reads them all. Raises RecordingError as `Extent`."""
+        self.width = self.height = 1 << 16
+        extent = Extent()
+        for events in self._packets():
+            extent.add(events["x"], events["y"])
+        self.statistics = RecordingStatistics()
+        return extent.size()
 
     def _largest(self, duration_ns: int) -> Iterator[EventArray]:
         """Chunks of the segment with the most events. The first one is taken for it once it is long."""

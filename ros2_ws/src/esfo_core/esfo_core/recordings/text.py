@@ -9,13 +9,11 @@ from esfo_core.codecs.text import TextDecoder
 from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray
 from esfo_core.recordings.byte_stream import ByteStream
-from esfo_core.recordings.extent import Extent
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 from esfo_core.recordings.text_layout import find_layout
 
 _HEAD = 1 << 16
-_LARGEST_SIZE = 2**16
 
 
 class TextRecording(Recording):
@@ -33,7 +31,7 @@ class TextRecording(Recording):
         self.encoding = "text"
         self.guesses = self._start.guesses
         size = options.size or self._start.size
-        self.width, self.height = size or self._extent()
+        self.width, self.height = size or self._size_of_events()
         self.size_inferred = size is None
         layout = self._start.layout
         self.format = f"text, {','.join(layout.columns)} in {layout.time_unit}"
@@ -65,11 +63,3 @@ class TextRecording(Recording):
         if not head:
             raise RecordingError("the compressed file is empty")
         return head[:_HEAD]
-
-    def _extent(self) -> tuple[int, int]:
-        """Sensor size that just holds the events."""
-        self.width = self.height = _LARGEST_SIZE
-        extent = Extent()
-        for events in self._packets():
-            extent.add(events["x"], events["y"])
-        return extent.size()

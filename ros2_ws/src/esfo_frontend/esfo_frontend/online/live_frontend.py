@@ -118,7 +118,7 @@ class LiveFrontend:
         if step is SequenceStep.STALE and form == self._form:
             self.totals.stale += 1
             return
-        self._gap |= turn is Turn.GAP
+        self._gap |= step is SequenceStep.GAP
         try:
             yield from self._prepare(form, step)
             self.frame_id = packet.frame_id or self.camera_frame

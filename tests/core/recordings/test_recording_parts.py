@@ -118,7 +118,7 @@ def test_the_calibration_that_fits_is_taken(tmp_path):
     assert camera_of(path, ("/cam/camera_info", longer, {}), same).focal_px == 70
     assert camera_of(path, ("/rgb/camera_info", OTHER, {}), ("/ir/camera_info", OTHER, {})) is None
     assert camera_of(path, same, ("/b/camera_info", CAMERA, {})).focal_px == 60
-    with pytest.raises(CameraError, match="several camera_info topics fit .*: /a/info, /camera_info"):
+    with pytest.raises(CameraError, match=r"several camera_info topics fit .*: /a/info, /camera_info"):
         camera_of(path, ("/a/info", longer, {}), same)
 
 

@@ -1,7 +1,7 @@
 """Camera calibrations as the tools of the field write them, brought to the fields of a ROS camera_calibration file.
 
-Known are ROS and OpenCV (YAML, JSON, XML), Kalibr, Prophesee, DV, basalt and COLMAP. Anything else about a camera stands
-in such a file too, and is not read.
+Known are ROS and OpenCV (YAML, JSON, XML), Kalibr, Prophesee, DV, basalt and COLMAP. What else stands in such a file is
+not read.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _BASALT = {
 
 @dataclass(frozen=True)
 class CalibrationFields:
-    """What a file says of a camera: image size in pixels, K (3, 3) in pixels, distortion model as named, coefficients."""
+    """What a file says of a camera: image size and K (3, 3) in pixels, distortion model as named, coefficients."""
 
     width: int
     height: int
@@ -238,6 +238,7 @@ def _some(value: Any, name: str, count: int) -> tuple[float, ...]:
 
 def _made(size: tuple[int, int], pinhole: tuple[float, ...], model: str, D: NDArray[np.float64]) -> CalibrationFields:
     fx, fy, cx, cy = pinhole
+    model = "plumb_bob" if model.lower() == "none" and not D.any() else model
     return CalibrationFields(*size, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), model, D)
 
 

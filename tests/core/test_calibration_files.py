@@ -52,7 +52,8 @@ def basalt(kind, **more):
 
 
 def ros(model, D, name="camera_matrix"):
-    return f"{SIZE}{name}: {{rows: 3, cols: 3, data: {FLAT}}}\ndistortion_model: {model}\ndistortion_coefficients: {{data: {D}}}\n"
+    matrix = f"{name}: {{rows: 3, cols: 3, data: {FLAT}}}"
+    return f"{SIZE}{matrix}\ndistortion_model: {model}\ndistortion_coefficients: {{data: {D}}}\n"
 
 
 ZEROS = [0.0] * 10

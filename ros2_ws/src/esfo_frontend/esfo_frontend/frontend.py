@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +25,8 @@ class FrontendOutput:
 
     corners: in order of time. With the paper's stages, those that passed the density filter, with their final clusters;
     with association all corners, with their tracks, NO_LABEL as long as a track has no row.
-    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none. pyramid: pieces for
-    an `ActivityPyramid`, of all resolutions.
+    tracks: new rows and the tracks that ended. activity: bins completed, None when there was none. pyramid: pieces of
+    the activity pyramid, of several resolutions.
     """
 
     corners: LabelledCorners
@@ -62,7 +63,7 @@ class Frontend:
         self._next_ids = first_ids
         self._last_t: int | None = None
         self._activity_origin = self._activity_end = 0
-        self._activity_options = options.activity
+        self._activity_options = self._options.activity
         self._pyramid: PyramidCounter | None = None
         self.statistics = Statistics()
 
@@ -96,6 +97,16 @@ class Frontend:
             self._last_t = int(events["t"][n - 1])
             events = events[n:]
         return self._output(parts)
+
+    def run(self, chunks: Iterable[EventArray]) -> Iterator[tuple[EventArray, FrontendOutput]]:
+        """Process a whole stream, chunk by chunk, and end it.
+
+        Yields each chunk with what it settles, then an empty one with what was pending. Raises FrontendError as
+        `process`.
+        """
+        for events in chunks:
+            yield events, self.process(events)
+        yield empty_events(), self.flush()
 
     def miss(self, begin: int, end: int) -> None:
         """Note that events of [begin, end) ns are missing; told after the events before it, before those after it."""
@@ -133,7 +144,7 @@ class Frontend:
         return self._stream
 
     def _count(self, events: EventArray) -> None:
-        """Count events of a stream for the pyramid, which goes on from stream to stream unless time went back."""
+        """Count events for the pyramid, which goes on from stream to stream unless time went back."""
         if self._pyramid is None or (self._last_t is not None and events["t"][0] < self._last_t):
             self._pyramid = PyramidCounter(*self._size)
         self._pyramid.add(events)
@@ -164,7 +175,6 @@ class Frontend:
         activity = self._stream.activity.take() if self._stream else None
         observations = Tracks.concatenate(u.observations for u in parts.updates)
         ended = np.sort(np.concatenate([np.empty(0, np.uint32), *(u.ended for u in parts.updates)]))
-        pyramid = tuple(self._pyramid.take()) if self._pyramid else ()
-        return FrontendOutput(
-            LabelledCorners.concatenate(parts.corners), TrackUpdate(observations, ended), activity, pyramid
-        )
+        corners = LabelledCorners.concatenate(parts.corners)
+        pyramid = () if self._pyramid is None else tuple(self._pyramid.take())
+        return FrontendOutput(corners, TrackUpdate(observations, ended), activity, pyramid)

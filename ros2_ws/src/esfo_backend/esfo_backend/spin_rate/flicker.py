@@ -10,7 +10,7 @@ import numpy as np
 from esfo_backend.spin_rate.level_features import Features, correlate
 from esfo_backend.spin_rate.period_refinement import fold
 from esfo_backend.spin_rate.period_search import candidates
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 _COMMON = 0.7
 """Share of the periodic activity that all cells have in common from which it is light."""

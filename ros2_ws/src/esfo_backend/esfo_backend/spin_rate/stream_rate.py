@@ -19,7 +19,7 @@ from esfo_backend.spin_rate.period_refinement import Refined, class_difference, 
 from esfo_backend.spin_rate.period_search import LEAST_SIGNAL, VERIFY_BINS, Candidate, candidates, verify
 from esfo_backend.spin_rate.steady_stretch import cut, steady_stretch
 from esfo_core.activity import Activity
-from esfo_core.orbit import NS_PER_S
+from esfo_core.events import NS_PER_S
 
 FEWEST_EVENTS = 500
 """Events below which counting noise hides any period."""

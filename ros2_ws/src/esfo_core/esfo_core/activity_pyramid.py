@@ -6,7 +6,7 @@ level holds the whole stream; a fine one holds two windows of it: the one with t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -115,3 +115,12 @@ class ActivityPyramid:
     def nbytes(self) -> int:
         """Memory of the counts, bytes."""
         return sum(w.counts.nbytes for level in self._levels.values() for w in level.windows())
+
+
+def finest_whole(levels: Sequence[Activity]) -> Activity:
+    """The finest of levels, finest first, that holds the whole stream. Raises ActivityError when there is none."""
+    if not levels:
+        raise ActivityError("no level of activity holds the stream")
+    begin, end = min(level.t0 + level.bin for level in levels), max(level.end - level.bin for level in levels)
+    whole = (level for level in levels if level.t0 <= begin and level.end >= end)
+    return next(whole, levels[-1])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.spin_rate.level_features import Features, correlate
-from esfo_backend.spin_rate.period_refinement import fold
+from esfo_backend.spin_rate.period_refinement import fold, refine
 from esfo_backend.spin_rate.period_search import candidates
 from esfo_core.events import NS_PER_S
 
@@ -18,6 +18,12 @@ _CELLS = 6.0
 """Cells that must take part: few of them may change at once because a small thing turns."""
 _REPEATS = 0.5
 """Least correlation, and height, of the sum of all cells."""
+_MOST_PER_BIN = 2.0
+"""Periods of the light in a bin from which they have averaged out."""
+_HARMONICS, _BLOCK = 4, 300.0
+"""Harmonics of the light that are taken out, and its periods over which they are taken for constant."""
+_POWER_STEPS = 10
+"""Of the power method, for the direction in which all cells change most: light is far stronger than the next one."""
 _FEWEST = 8.0
 """Periods that must be seen: over few of them anything moves in common."""
 _MAINS_HZ = (50.0, 60.0)
@@ -51,19 +57,43 @@ def find_flicker(features: Sequence[Features]) -> Flicker | None:
     for c in candidates([correlate(level) for level in sums], sums):
         if c.true_r >= _REPEATS and c.height >= _REPEATS * c.r / c.true_r:
             found = flicker_of(features[c.level], c.lag)
-            if found is not None:
-                return found
+            refined = refine(sums[c.level], c.lag)
+            if found is not None and refined is not None:
+                return Flicker(NS_PER_S / features[c.level].bin / refined.lag, found.common)
     return None
+
+
+def without(features: Features, flicker: Flicker) -> Features:
+    """Features without what repeats with the light, fitted anew every few hundred of its periods: mains drift."""
+    per_bin = flicker.rate_hz * features.bin / NS_PER_S
+    if per_bin > _MOST_PER_BIN or len(features.rows) * per_bin < _FEWEST:
+        return features
+    harmonics = np.arange(1, max(int(0.5 / per_bin), 1) + 1)[:_HARMONICS]
+    blocks = max(round(len(features.rows) * per_bin / _BLOCK), 1)
+    cleaned = features.rows.copy()
+    for part in np.array_split(np.arange(len(features.rows)), blocks):
+        known = part[features.valid[part]]
+        angle = 2 * np.pi * per_bin * known[:, None] * harmonics
+        waves = np.hstack([np.cos(angle), np.sin(angle), np.ones((len(known), 1))])
+        if len(known) <= 4 * waves.shape[1]:
+            continue
+        fitted = np.linalg.lstsq(waves, features.rows[known].astype(np.float64), rcond=None)[0]
+        cleaned[known] -= (waves[:, :-1] @ fitted[:-1]).astype(np.float32)
+    left = float((cleaned**2).sum(dtype=np.float64)) / max(float((features.rows**2).sum(dtype=np.float64)), 1e-30)
+    noise = 1 - features.signal
+    signal = max(1 - noise / left, 0.0) if left > 0 else 0.0
+    return Features(features.t0, features.bin, cleaned, features.valid, features.events, signal)
 
 
 def _summed(level: Features) -> Features:
     """The mean of all cells along the direction in which they change together."""
     if not level.rows.shape[1]:
         return level
-    together = level.rows.T @ level.rows
-    direction = np.linalg.eigh(together.astype(np.float64))[1][:, -1].astype(np.float32)
-    rows = level.rows @ direction[:, None]
-    return Features(level.t0, level.bin, rows, level.valid, level.events, 1.0)
+    direction = np.ones((level.rows.shape[1], 1), np.float32)
+    for _ in range(_POWER_STEPS):
+        direction = level.rows.T @ (level.rows @ direction)
+        direction /= max(float(np.linalg.norm(direction)), 1e-30)
+    return Features(level.t0, level.bin, level.rows @ direction, level.valid, level.events, 1.0)
 
 
 def flicker_of(features: Features, lag: float) -> Flicker | None:

@@ -94,16 +94,26 @@ def refine(features: Features, lag: float) -> Refined | None:
 def class_difference(folded: Folded, classes: int) -> float:
     """Significance, in standard deviations, with which every `classes`-th turn differs from the others; 0: too few.
 
-    The difference of the turns in the first half of the recording from their neighbours is compared with that in the
-    second half: noise, and a change over time, do not repeat.
+    Where there are many turns, the difference of the turns in the first half of the recording from their neighbours is
+    compared with that in the second half: noise, and a change over time, do not repeat. Where there are few, turns
+    that many apart are compared with neighbours.
     """
     turns = len(folded.weight)
-    if turns < 4 * classes:
+    if turns >= 4 * classes:
+        half = turns // 2 // classes * classes
+        halves = [_class_means(folded, first, half, classes) for first in (0, half)]
+        product = (halves[0] * halves[1]).sum(axis=(0, 2), dtype=np.float64)
+    elif turns > classes:
+        n = turns - classes
+        w = folded.weight[:n] * folded.weight[1 : n + 1] * folded.weight[classes:]
+        gap = folded.rows[classes:] - folded.rows[1 : n + 1]
+        product = ((folded.rows[:n] * gap).sum(axis=2) * w).sum(axis=0, dtype=np.float64)
+        product = product[w.any(axis=0)]
+    else:
         return 0.0
-    half = turns // 2 // classes * classes
-    halves = [_class_means(folded, first, half, classes) for first in (0, half)]
-    product = (halves[0] * halves[1]).sum(axis=(0, 2), dtype=np.float64)
-    groups = np.array([g.sum() for g in np.array_split(product, min(_GROUPS, len(product)))])
+    if len(product) < _GROUPS:
+        return 0.0
+    groups = np.array([g.sum() for g in np.array_split(product, _GROUPS)])
     spread = np.sqrt(((groups - groups.mean()) ** 2).sum() * len(groups) / (len(groups) - 1))
     return float(groups.sum() / spread) if spread > 0 else 0.0
 

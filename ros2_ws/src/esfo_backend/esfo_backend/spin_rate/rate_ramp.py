@@ -27,7 +27,7 @@ _STEEPEST = 1.9
 _SLOPES = 77
 _QUIET = 0.15
 """Share of the peak activity below which the beginning and the end of a recording are taken for rest."""
-_SMOOTH_S = 0.025
+_SMOOTH_BINS = 5
 _GROUPS = 8
 _MOST_CELLS = 256
 """Cells and polarities that take part: the correlation is computed some hundred times."""
@@ -110,7 +110,7 @@ def warp_times(obs: Observations, ramp: RateRamp) -> Observations:
 def _moving(activity: Activity) -> Activity:
     """Cut rest from the beginning and the end."""
     total = activity.counts.sum(axis=(1, 2, 3), dtype=np.float64)
-    smooth = uniform_filter1d(total, max(1, round(_SMOOTH_S * NS_PER_S / activity.bin)))
+    smooth = uniform_filter1d(total, _SMOOTH_BINS)
     busy = np.flatnonzero(smooth > _QUIET * smooth.max(initial=0.0))
     if not len(busy):
         raise BackendError("no events were counted")

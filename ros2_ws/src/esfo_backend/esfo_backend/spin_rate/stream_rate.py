@@ -13,7 +13,7 @@ import numpy as np
 
 from esfo_backend.errors import BackendError
 from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic
-from esfo_backend.spin_rate.flicker import Flicker, find_flicker, flicker_of
+from esfo_backend.spin_rate.flicker import Flicker, find_flicker, flicker_of, without
 from esfo_backend.spin_rate.level_features import Correlation, Features, correlate, features_of_level, masks_of
 from esfo_backend.spin_rate.period_refinement import Refined, class_difference, fold, refine
 from esfo_backend.spin_rate.period_search import LEAST_SIGNAL, VERIFY_BINS, Candidate, candidates, verify
@@ -84,9 +84,11 @@ def stream_rate(levels: Sequence[Activity]) -> StreamRate:
     if events < FEWEST_EVENTS:
         raise NoRateError("too_few_events", f"{events} events are too few to look for a period")
     features = [features_of_level(*pair) for pair in zip(levels, masks_of(levels), strict=True)]
+    flicker = find_flicker(features)
+    if flicker is not None:
+        features = [without(level, flicker) for level in features]
     correlations = [correlate(level) for level in features]
     found = [c for c in candidates(correlations, features) if _repeats(c)]
-    flicker = find_flicker(features)
     found = [c for c in found if flicker_of(features[c.level], c.lag) is None]
     if not found:
         raise _nothing(features, correlations, flicker)

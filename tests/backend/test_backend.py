@@ -65,7 +65,7 @@ def test_tracks_may_contradict_the_event_stream():
         )
         estimate = backend.solve()
         assert estimate.status == status, estimate.reason
-    assert "the tracks turn at 0.5" in estimate.reason
+    assert "the spin rate of the tracks is 0.5" in estimate.reason
 
 
 def test_colmap_is_used_where_it_serves():
@@ -106,7 +106,7 @@ def test_no_rotation_is_a_failure_with_a_reason():
     estimate = backend.solve()
     assert estimate.status == "failed"
     assert estimate.spin is None
-    assert "rotation" in estimate.reason or "round again" in estimate.reason
+    assert "rotation" in estimate.reason or "observed again" in estimate.reason
     noise = backend_for(scene, options=DIRECT)
     noise._memory._recent = [  # the same tracks with a stream that does not repeat
         type(activity)(

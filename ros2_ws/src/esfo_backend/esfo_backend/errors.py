@@ -6,7 +6,7 @@ from esfo_core.errors import EsfoError
 class BackendError(EsfoError):
     """The tracks do not allow an estimate; the message says why.
 
-    flags: names of what was found to be the cause, as in a verdict.
+    flags: those of the verdict that name the cause.
     """
 
     def __init__(self, message: str, *flags: str) -> None:

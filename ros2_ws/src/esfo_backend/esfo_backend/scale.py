@@ -1,4 +1,4 @@
-"""Metric scale: with known intrinsics no event tells how large things are, one known length does."""
+"""Metric scale: events do not determine it; one known length does."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from esfo_core.orbit import Matrix, Spin
 
 
 def check_scale(options: ScaleOptions) -> None:
-    """Raise OptionError when more than one length is given: they could contradict each other."""
+    """Raise OptionError when more than one length is given, since they may contradict each other."""
     given = {name: value for name, value in vars(options).items() if value}
     if len(given) > 1:
         raise OptionError(f"more than one known length: {', '.join(f'scale.{k} = {v}' for k, v in given.items())}")
 
 
 def metric(estimate: OrbitEstimate, options: ScaleOptions) -> OrbitEstimate:
-    """Return the estimate in metres where a length is known, as it is otherwise.
+    """Return the estimate in metres when a length is known, otherwise unchanged.
 
     Raises BackendError when the estimate gives that length as zero.
     """
@@ -39,7 +39,7 @@ def metric(estimate: OrbitEstimate, options: ScaleOptions) -> OrbitEstimate:
     else:
         known, found = options.size_m, diameter(estimate.points)
     if not found > 0:
-        raise BackendError(f"a known length of {known} m does not give the scale: it is {found} here")
+        raise BackendError(f"a known length of {known} m does not give the scale: the estimate has {found} for it")
     factor = known / found
     return replace(
         estimate,
@@ -54,6 +54,6 @@ def diameter(points: Matrix) -> float:
     """Largest distance between two of the points (P, 3); 0 for fewer than two."""
     if len(points) < 2:
         return 0.0
-    with suppress(QhullError):  # fewer than four points, or all in one plane: then all of them are compared
+    with suppress(QhullError):  # fewer than four points, or all in one plane: compare all of them
         points = points[ConvexHull(points).vertices]
     return float(pdist(points).max())

@@ -1,7 +1,7 @@
-"""One whole search: rate hypotheses, each worked out to a candidate, of which one is chosen.
+"""Search: each rate hypothesis is evaluated to a candidate, and one candidate is chosen.
 
-A candidate is worked out by the paper's steps (section 5), initial values and factor graph, and between them the
-re-identification of docs/method.md.
+A hypothesis is evaluated by the paper's steps (section 5), initialisation and factor graph, with the re-identification
+of docs/method.md between them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from esfo_core.estimate import OrbitEstimate
 from esfo_core.events import NS_PER_S
 from esfo_core.tracks import Tracks
 
-_MOST_GRAPHS = 3
+_MAX_GRAPHS = 3
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class SearchInput:
         return (self.activity.end - self.activity.t0) / NS_PER_S
 
     def failure(self, error: BackendError) -> OrbitEstimate:
-        """Return an estimate that says why there is none."""
+        """Return a failed estimate with the error as its reason."""
         known = {"tracks": len(np.unique(self.tracks.track_id)), "observations": len(self.tracks)}
         span = {"t_first": self.activity.t0, "t_last": self.activity.end}
         return OrbitEstimate.failure(str(error), flags=error.flags, **known, **span)
@@ -73,7 +73,7 @@ class SearchInput:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A rate hypothesis, worked out as far as the data allow.
+    """Evaluation of a rate hypothesis.
 
     estimate: failed where they do not. initialisation, landmarks: None where it did not come to them. track_ids: (M,)
     track of each entry of `landmarks.label`. comparisons: with other rates, where a constant rate was estimated.
@@ -97,8 +97,8 @@ class Candidate:
 class SearchResult:
     """Outcome of a search.
 
-    rate: of the event stream, None where it shows none. ramp_searched: whether a rate ramp was looked for. The others:
-    as in `Candidate`.
+    rate: of the event stream, None without a period. ramp_searched: whether a rate ramp was searched. The others: as in
+    `Candidate`.
     """
 
     estimate: OrbitEstimate
@@ -111,12 +111,12 @@ class SearchResult:
 
     @property
     def note(self) -> str:
-        """What became of COLMAP."""
+        """Result of COLMAP, or why it was not used."""
         return "" if self.initialisation is None else self.initialisation.colmap_note
 
 
 def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) -> SearchResult:
-    """Estimate from nothing but the data; a failed estimate says why there is none.
+    """Estimate without an earlier estimate; a failed estimate gives the reason.
 
     The period of the event stream comes first. Other rates that the tracks fit better, and a rate that changes evenly,
     are tried where no one rotation at that period explains the tracks. thorough: try every initialisation that the
@@ -131,7 +131,7 @@ def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) 
 
     stream = Stream(data.activity, data.levels)
     for hypothesis in rate_hypotheses(stream, data.options, watch, preferred, ramp_after_s):
-        candidates.append(_work_out(hypothesis, data, watch, thorough and not candidates))
+        candidates.append(_evaluate(hypothesis, data, watch, thorough and not candidates))
         if candidates[0].is_one_rotation:
             break
     first, chosen = candidates[0], _choose(candidates, data.options)
@@ -145,19 +145,19 @@ def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) 
         initialisation=chosen.initialisation,
         landmarks=chosen.landmarks,
         track_ids=chosen.track_ids,
-        ramp_searched=not settled and last.kind != "fourier" and data.duration_s >= ramp_after_s,
+        ramp_searched=not constant and last.kind != "fourier" and data.duration_s >= ramp_after_s,
     )
 
 
 def _choose(candidates: Sequence[Candidate], options: BackendOptions) -> Candidate:
-    """Take the first candidate unless it is not one rotation and another one explains why, or does better."""
+    """Take the first candidate, unless it is not one rotation and a multiple or a ramp explains the tracks."""
     first, last = candidates[0], candidates[-1]
     if first.is_one_rotation or last is first:
         return first
     multiples = [c for c in candidates if c.hypothesis.kind == "multiple" and _explains_tracks(c, options)]
     if multiples:
         return max(multiples, key=lambda c: c.estimate.observations)
-    return last if last.hypothesis.kind == "ramp" and _ramp_holds(last) else first
+    return last if last.hypothesis.kind == "ramp" and _ramp_accepted(last) else first
 
 
 def _explains_tracks(candidate: Candidate, options: BackendOptions) -> bool:
@@ -165,23 +165,23 @@ def _explains_tracks(candidate: Candidate, options: BackendOptions) -> bool:
     return candidate.estimate.status == "ok" and landmarks is not None and most_reobserved(landmarks, options)
 
 
-def _ramp_holds(candidate: Candidate) -> bool:
-    """Whether the rate changes, be it that nothing else can be told; a ramp of another motion says nothing."""
+def _ramp_accepted(candidate: Candidate) -> bool:
+    """Whether to report the rate ramp, also without landmarks; not for another motion than a rotation."""
     flags = set(candidate.estimate.flags)
     if candidate.landmarks is None:
         return not {"too_few_turns", "not_a_rotation"} & flags
     return candidate.estimate.status != "failed" and "not_a_rotation" not in flags
 
 
-def _work_out(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, thorough: bool) -> Candidate:
+def _evaluate(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, thorough: bool) -> Candidate:
     try:
         prepared = _prepare(hypothesis, data, watch, thorough)
     except BackendError as error:
-        return Candidate(hypothesis, data.failure(_named(error, hypothesis)))
+        return Candidate(hypothesis, data.failure(_with_ramp(error, hypothesis)))
     try:
         landmarks, estimate = _refine(hypothesis, prepared, data, watch)
     except BackendError as error:
-        return Candidate(hypothesis, data.failure(_named(error, hypothesis)), prepared.initialisation)
+        return Candidate(hypothesis, data.failure(_with_ramp(error, hypothesis)), prepared.initialisation)
     if hypothesis.kind not in ("period", "multiple") or estimate.spin is None:
         return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids)
     with watch.stage("initialisation"):
@@ -221,8 +221,8 @@ def _preferred_rates(rate: SpinRate, data: SearchInput, watch: Stopwatch, thorou
     return [c.rate_hz for c in sorted(found, key=lambda c: c.z) if c.z < 0]
 
 
-def _named(error: BackendError, hypothesis: RateHypothesis) -> BackendError:
-    """Return an error at a rate ramp as one that names the ramp."""
+def _with_ramp(error: BackendError, hypothesis: RateHypothesis) -> BackendError:
+    """Add the ramp to the message and the flags of an error that occurred with one."""
     if hypothesis.ramp is None:
         return error
     return BackendError(f"{hypothesis.ramp}; {error}", "rate_not_constant", *error.flags)
@@ -230,7 +230,7 @@ def _named(error: BackendError, hypothesis: RateHypothesis) -> BackendError:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """Rate, observations with the track of each point (P,), span of the data in ns, and initial values."""
+    """Rate, observations, track id of each landmark (P,), span of the data in ns, and initialisation."""
 
     rate: SpinRate
     obs: Observations
@@ -247,7 +247,7 @@ def _prepare(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, th
     revolutions = rate.rate_hz * (span[1] - span[0]) / NS_PER_S
     if revolutions < options.live.min_revolutions:
         needed = options.live.min_revolutions
-        raise BackendError(f"{revolutions:.2f} revolutions were seen; {needed} are needed", "too_few_turns")
+        raise BackendError(f"{revolutions:.2f} revolutions were observed; {needed} are needed", "too_few_turns")
     obs, track_ids = observations(data.tracks, data.camera, options.initialisation.min_observations)
     if ramp:
         obs = warp_times(obs, ramp)
@@ -266,8 +266,8 @@ def _refine(
         landmarks, optimum = _optimise(prune(landmarks, options), options)
     tracks_hz = optimum.solution.motion.rate_hz
     if hypothesis.kind in ("period", "multiple") and not rate.agrees_with(tracks_hz):
-        apart = f"the tracks turn at {tracks_hz:.4f} Hz, but the event stream repeats at {rate.rate_hz:.4f} Hz"
-        raise _aperiodic(apart, data)
+        mismatch = f"the spin rate of the tracks is {tracks_hz:.4f} Hz, that of the event stream {rate.rate_hz:.4f} Hz"
+        raise _aperiodic(mismatch, data)
     found = Optimum(landmarks, optimum, rate, prepared.initialisation, prepared.span, hypothesis.ramp)
     estimate = build_estimate(found, options, watch.seconds)
     unnamed = estimate.status == "failed" and not estimate.flags
@@ -277,8 +277,8 @@ def _refine(
 
 
 def _optimise(landmarks: Landmarks, options: BackendOptions) -> tuple[Landmarks, GraphOptimum]:
-    """Optimise the factor graph. Points that run away tell nothing of the motion, but may make it indeterminate."""
-    for _ in range(_MOST_GRAPHS):
+    """Optimise the factor graph, without landmarks of diverging depth: they may make the motion indeterminate."""
+    for _ in range(_MAX_GRAPHS):
         optimum = optimise_graph(landmarks.solution, landmarks.obs, options.graph.cauchy_px, options.graph.iterations)
         at_optimum = replace(landmarks, solution=optimum.solution)
         landmarks = drop_far(at_optimum)

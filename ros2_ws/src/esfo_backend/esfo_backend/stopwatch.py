@@ -1,4 +1,4 @@
-"""How long each stage of an estimate takes."""
+"""Durations of the stages of an estimate."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STAGES = ("spin_rate", "initialisation", "reidentification", "graph")
 
 @dataclass
 class Stopwatch:
-    """Times the stages of an estimate; on_stage is told the name of each as it begins."""
+    """Measures the stages of an estimate; on_stage is called with the name of each as it begins."""
 
     on_stage: Callable[[str], None]
     seconds: dict[str, float] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""Compiling everything before the first estimate, or loading what was compiled before."""
+"""Compilation of all kernels, or loading of the compiled ones, before the first estimate."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _BIN_NS, _CELL = 5_000_000, 32
 
 
 def warm_up() -> None:
-    """Search a small scene, and follow it once, so that compiling costs no live estimate."""
+    """Run a search and an incremental estimate on a small scene, so that no live estimate waits for compilation."""
     tracks, activity = _scene()
     backend = Backend(_CAMERA, BackendOptions(initialisation=InitialisationOptions(axes=4)))
     backend.add(TrackUpdate(tracks, np.empty(0, np.uint32)), activity)
@@ -29,7 +29,7 @@ def warm_up() -> None:
 
 
 def _scene() -> tuple[Tracks, Activity]:
-    """Points of a spinning ball: their tracks where they face the camera, and an event for each of their rows."""
+    """Tracks of points of a spinning ball while they face the camera, and one event per observation."""
     rng = np.random.default_rng(0)
     normals = rng.normal(size=(_POINTS, 3))
     points = normals / np.linalg.norm(normals, axis=1)[:, None]

@@ -1,4 +1,4 @@
-"""Why an event stream has no period: nothing moves, what moves does not turn, or too little of a turn was seen."""
+"""Cause of an aperiodic event stream, from track motion: no motion, no rotation, or less than one revolution."""
 
 from __future__ import annotations
 
@@ -11,54 +11,56 @@ from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix
 from esfo_core.tracks import Tracks
 
-_LEAST_ROWS = 4
-_MOVES_PX = 3.0
-_MOST, _SAME_VELOCITY = 0.9, 0.15
-"""Of the tracks nine tenths, within 15 %: points of a body in translation differ by its depth over its distance; those
-of a spinning one move at every speed from next to nothing, near its rim, to the largest."""
-_ONE_TURN = 1.0
-_NEARER, _FARTHER = -0.9, 3.0
-"""Changes of the distance over the recording, relative, among which a translation is searched."""
+_MIN_ROWS = 4
+_MIN_MOTION_PX = 3.0
+_SHARE, _SAME_VELOCITY = 0.9, 0.15
+"""A translation: nine tenths of the tracks have the same velocity within 15 %. Velocities of a translating body differ
+by its depth over its distance; those of a spinning body range from nearly zero, at its outline, to the largest."""
+_ONE_REVOLUTION = 1.0
+_MIN_CHANGE, _MAX_CHANGE = -0.9, 3.0
+"""Range of the relative change of distance over the recording in which a translation is searched."""
 _DISTANCES = 40
 
 
 @dataclass(frozen=True)
 class AperiodicCause:
-    """A sentence and the flag of the verdict."""
+    """Reason and flag of the verdict."""
 
     reason: str
     flag: str
 
 
 def explain_aperiodic(tracks: Tracks, duration_s: float, min_points: int, focal_px: float) -> AperiodicCause:
-    """Look at how tracks move. duration_s: length of the recording.
+    """Return the cause from the motion of the tracks. duration_s: length of the recording.
 
-    A point of a spinning object moves by at most 2 pi times the image radius of the object in a turn, times what its
-    near side looks larger; so the typical speed gives a number of turns that must have been seen, were it a rotation.
+    In a revolution a point of a spinning object moves by at most 2 pi times the image radius of the object, times the
+    magnification of its near side. So the median speed gives a lower bound on the revolutions of a rotation.
     """
     ends = _ends(tracks)
-    moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MOVES_PX
+    moving = np.linalg.norm(ends.uv[1] - ends.uv[0], axis=1) > _MIN_MOTION_PX
     if moving.sum() < min_points:
         return AperiodicCause(
-            f"{int(moving.sum())} tracks move, {min_points} are needed to see a rotation", "too_few_tracks"
+            f"{int(moving.sum())} tracks move; {min_points} are needed to detect a rotation", "too_few_tracks"
         )
     ends = Ends(ends.uv[:, moving], ends.s[:, moving])
     spread = translation_spread(ends)
     if spread < _SAME_VELOCITY:
         return AperiodicCause(
-            f"{_MOST:.0%} of the tracks move as in a translation, within {spread:.0%} of their speed", "not_a_rotation"
+            f"{_SHARE:.0%} of the tracks move as in a translation, within {spread:.0%} of the median speed",
+            "not_a_rotation",
         )
     place = tracks.uv - np.median(tracks.uv, axis=0)
     radius = max(float(np.quantile(np.linalg.norm(place, axis=1), 0.9)), 1.0)
     # A ball in the distance d, seen at this radius, has the radius r d and spins at w: its nearest point is (1 - r) d
     # away and moves by w r / (1 - r), its outline is at r / sqrt(1 - r^2), both in the plane z = 1.
     r = radius / np.hypot(radius, focal_px)
-    turns = ends.speed * duration_s / (2 * np.pi * radius) * np.sqrt((1 - r) / (1 + r))
-    if turns >= _ONE_TURN:
+    revolutions = ends.speed * duration_s / (2 * np.pi * radius) * np.sqrt((1 - r) / (1 + r))
+    if revolutions >= _ONE_REVOLUTION:
         return AperiodicCause(
-            f"a rotation that moves like this would have turned {turns:.1f} times or more", "no_repetition"
+            f"a rotation of this image speed would have repeated: it makes {revolutions:.1f} revolutions or more",
+            "no_repetition",
         )
-    return AperiodicCause("less than a turn may have been seen", "too_few_turns")
+    return AperiodicCause("less than one revolution may have been observed", "too_few_turns")
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Ends:
 
 
 def translation_spread(ends: Ends) -> float:
-    """Distance of nine tenths of the velocities from those of a body in translation, relative to the median speed.
+    """Largest distance of nine tenths of the velocities from a translation's, relative to the median speed.
 
     The velocity is constant in space. Seen from the camera, a point at X + T t is at x(t) with x (1 + c t) = x0 + a t,
     a and c common to points of one depth; c is the change of the depth per second, relative. So between the rows of a
@@ -92,9 +94,9 @@ def translation_spread(ends: Ends) -> float:
 
     def off(c: float) -> float:
         a = ends.velocity + c * growth
-        return float(np.quantile(np.linalg.norm(a - np.median(a, axis=0), axis=1) / (1 + c * middle), _MOST))
+        return float(np.quantile(np.linalg.norm(a - np.median(a, axis=0), axis=1) / (1 + c * middle), _SHARE))
 
-    changes = np.linspace(_NEARER, _FARTHER, _DISTANCES) / length
+    changes = np.linspace(_MIN_CHANGE, _MAX_CHANGE, _DISTANCES) / length
     best = changes[np.argmin([off(c) for c in changes])]
     step = changes[1] - changes[0]
     found = minimize_scalar(off, bounds=(max(best - step, changes[0]), best + step), method="bounded")
@@ -102,10 +104,10 @@ def translation_spread(ends: Ends) -> float:
 
 
 def _ends(tracks: Tracks) -> Ends:
-    """Of every track that has some rows."""
+    """Return the ends of the tracks of at least 4 rows."""
     ordered = tracks.sorted()
     _, first, count = np.unique(ordered.track_id, return_index=True, return_counts=True)
-    enough = count >= _LEAST_ROWS
+    enough = count >= _MIN_ROWS
     rows = np.stack([first[enough], (first + count - 1)[enough]])
     s = (ordered.t - ordered.t.min(initial=np.iinfo(np.int64).max)) / NS_PER_S
     seconds: Matrix = s[rows]

@@ -1,4 +1,4 @@
-"""Rates at which a stream may turn, in the order in which they are tried."""
+"""Hypotheses of the spin rate, in the order in which they are evaluated."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Stream:
 
 @dataclass(frozen=True)
 class RateHypothesis:
-    """A rate that the object may have.
+    """A possible spin rate of the object.
 
     kind: `fourier` (the paper's rate, taken as it is), `period` (of the event stream), `multiple` (or fraction of that
     period), `ramp` (a rate that changes evenly) or `aperiodic` (no rate: reason and flags say why). rate: None for
@@ -52,7 +52,7 @@ class RateHypothesis:
 def rate_hypotheses(
     stream: Stream, options: BackendOptions, watch: Stopwatch, preferred: PreferredRates, ramp_after_s: float
 ) -> Iterator[RateHypothesis]:
-    """Yield the period of the event stream, then what to try where no one rotation at that period explains the tracks.
+    """Yield the period of the event stream, then the hypotheses for tracks that one rotation at it does not explain.
 
     preferred: asked for the other rates that the tracks fit better. ramp_after_s: length of the stream in s from which
     a rate ramp is searched, which takes long.

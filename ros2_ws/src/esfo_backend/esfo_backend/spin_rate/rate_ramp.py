@@ -1,7 +1,7 @@
 """The spin rate of an object that slows down or speeds up, from the event stream.
 
-Time is warped so that an object whose rate changes evenly turns evenly, and the warped stream is searched for a period
-like any other. The relative slope of the rate at which it repeats best is the estimate.
+Time is warped so that a rate with a constant slope becomes constant, and the period of the warped stream is searched.
+The estimate is the relative slope of highest correlation.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from esfo_core.activity import Activity
 from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Vector
 
-_STEEPEST = 1.9
-"""Largest change of the rate over the recording, relative to its mean; at 2 the object stands still at one end."""
+_MAX_CHANGE = 1.9
+"""Largest change of the rate over the recording, relative to its mean; at 2 the rate is zero at one end."""
 _SLOPES = 77
-_QUIET = 0.15
-"""Share of the peak activity below which the beginning and the end of a recording are taken for rest."""
+_REST = 0.15
+"""Share of the peak activity below which the object is at rest at the beginning and the end of a recording."""
 _SMOOTH_BINS = 5
 _GROUPS = 8
-_MOST_CELLS = 256
-"""Cells and polarities that take part: the correlation is computed some hundred times."""
-_READING_BINS = 0.1
-"""Error of a lag in bins that all cells share, which leaving out some of them does not show."""
+_MAX_CELLS = 256
+"""Limit on cells and polarities, because the correlation is computed some hundred times."""
+_LAG_ERROR_BINS = 0.1
+"""Error of a lag in bins that is common to all cells, so that the jackknife does not include it."""
 
 
 @dataclass(frozen=True)
 class RateRamp:
-    """A rate that changes evenly: rate.rate_hz (1 + relative_slope s), s in seconds from `middle` (ns).
+    """A rate with a constant slope: rate.rate_hz (1 + relative_slope s), s in seconds from `middle` (ns).
 
     relative_slope, relative_slope_std: slope of the rate over the rate, and its standard deviation, 1/s. span: ns, the
-    stretch of the recording in which the object moves.
+    part of the recording in which the object moves.
     """
 
     rate: SpinRate
@@ -61,7 +61,7 @@ class RateRamp:
 
     def __str__(self) -> str:
         ends = " to ".join(f"{self.rate_at(t):.3f}" for t in self.span)
-        return f"the rate is not constant: from {ends} Hz, {self.slope:+.4f} +- {self.slope_std:.4f} Hz per second"
+        return f"the spin rate is not constant: from {ends} Hz, {self.slope:+.4f} +- {self.slope_std:.4f} Hz per second"
 
     def rate_at(self, t: int) -> float:
         """Rate in Hz at t ns."""
@@ -77,7 +77,7 @@ def find_rate_ramp(activity: Activity, options: SpinRateOptions) -> RateRamp:
     def correlation(relative_slope: float, cells: NDArray[np.int64] | slice = slice(None)) -> float:
         return _best_correlation(features_of(_warped(counts[:, cells], duration, relative_slope)), options)
 
-    slopes = np.linspace(-_STEEPEST, _STEEPEST, _SLOPES) / duration
+    slopes = np.linspace(-_MAX_CHANGE, _MAX_CHANGE, _SLOPES) / duration
     found = [correlation(relative_slope) for relative_slope in slopes]
     best = int(np.argmax(found))
     if found[best] < options.min_correlation:
@@ -86,32 +86,32 @@ def find_rate_ramp(activity: Activity, options: SpinRateOptions) -> RateRamp:
     rate = period_of(features_of(_warped(counts, duration, relative_slope)), moving.bin, options)
     step = (slopes[1] - slopes[0]) / 2
     std = _jackknife(counts, lambda cells: _vertex(lambda b: correlation(b, cells), relative_slope, step))
-    # Slope x duration^2 / 8 is by how much time is warped in the middle, against the ends.
-    reading = 8 * _READING_BINS * moving.bin / NS_PER_S / duration**2
+    # Slope x duration^2 / 8 is the warp of time in the middle relative to the ends.
+    lag_error = 8 * _LAG_ERROR_BINS * moving.bin / NS_PER_S / duration**2
     middle = moving.t0 + len(counts) * moving.bin // 2
-    return RateRamp(rate, relative_slope, float(np.hypot(std, reading)), middle, (moving.t0, moving.end))
+    return RateRamp(rate, relative_slope, float(np.hypot(std, lag_error)), middle, (moving.t0, moving.end))
 
 
 def warp_times(obs: Observations, ramp: RateRamp) -> Observations:
-    """Rows of the moving stretch at warped times, counted from `ramp.middle`, at which the object turns evenly.
+    """Observations in `ramp.span` at warped times from `ramp.middle`, at which the rate is constant.
 
-    Raises BackendError when no row lies in the stretch.
+    Raises BackendError when no observation is in the span.
     """
     s = obs.rows.dt + (obs.t_ref - ramp.middle) / NS_PER_S
     limits = [(t - ramp.middle) / NS_PER_S for t in ramp.span]
     inside = obs.part((s >= limits[0]) & (s <= limits[1]), 2)
     if not inside.points:
-        raise BackendError("no track lies where the object moves")
+        raise BackendError("no track is in the part of the recording in which the object moves")
     s = inside.rows.dt + (obs.t_ref - ramp.middle) / NS_PER_S
     _, xy, weight, first, focal = inside.rows
     return Observations(ObservationRows(s + ramp.relative_slope * s * s / 2, xy, weight, first, focal), ramp.middle)
 
 
 def _moving(activity: Activity) -> Activity:
-    """Cut rest from the beginning and the end."""
+    """Remove the beginning and the end in which the object is at rest."""
     total = activity.counts.sum(axis=(1, 2, 3), dtype=np.float64)
     smooth = uniform_filter1d(total, _SMOOTH_BINS)
-    busy = np.flatnonzero(smooth > _QUIET * smooth.max(initial=0.0))
+    busy = np.flatnonzero(smooth > _REST * smooth.max(initial=0.0))
     if not len(busy):
         raise BackendError("no events were counted")
     first, last = int(busy[0]), int(busy[-1]) + 1
@@ -121,18 +121,18 @@ def _moving(activity: Activity) -> Activity:
 def _busiest(counts: Matrix) -> Matrix:
     """The columns of (B, C) that vary most, in their order."""
     power = np.sqrt(counts).var(axis=0)
-    return np.asarray(counts[:, np.sort(np.argsort(-power, kind="stable")[:_MOST_CELLS])])
+    return np.asarray(counts[:, np.sort(np.argsort(-power, kind="stable")[:_MAX_CELLS])])
 
 
 def _warped(counts: Matrix, duration: float, relative_slope: float) -> Matrix:
     """Counts (B, C) in as many bins that are equal in w = s + relative_slope s^2 / 2, s seconds from the middle.
 
-    Counts are shared out as if even within a bin.
+    Counts are taken as uniform within a bin.
     """
     edges = np.array([-duration, duration]) / 2
     low, high = edges + relative_slope * edges**2 / 2
     w = np.linspace(low, high, len(counts) + 1)
-    # The root that stays with w for small slopes, in the form that does not cancel.
+    # The root that is w at slope 0, in the form without cancellation.
     s = 2 * w / (1 + np.sqrt(np.maximum(1 + 2 * relative_slope * w, 0.0)))
     position = (s / duration + 0.5) * len(counts)
     total = np.concatenate([np.zeros((1, counts.shape[1])), np.cumsum(counts, axis=0)])
@@ -143,9 +143,9 @@ def _warped(counts: Matrix, duration: float, relative_slope: float) -> Matrix:
 
 
 def _best_correlation(features: Matrix, options: SpinRateOptions) -> float:
-    """Highest peak of the correlation that stands out from the valley before it, -1 where there is none.
+    """Highest peak of the correlation of sufficient prominence above the minimum before it, -1 without one.
 
-    Read between the bins by a parabola: otherwise the slope that makes the period a whole number of bins would win.
+    A parabola interpolates between bins; otherwise slopes with a period of a whole number of bins are favoured.
     """
     if not features.shape[1]:
         return -1.0
@@ -170,7 +170,7 @@ def _refined(correlation: Callable[[float], float], slopes: Vector, best: int) -
 
 
 def _vertex(correlation: Callable[[float], float], relative_slope: float, step: float) -> float:
-    """Maximum of the parabola through three values about a slope that is close to it."""
+    """Slope at the maximum of the parabola through the correlations at three slopes."""
     left, middle, right = (correlation(relative_slope + k * step) for k in (-1, 0, 1))
     curve = left - 2 * middle + right
     return relative_slope + step * float(np.clip(0.5 * (left - right) / curve, -1, 1)) if curve < 0 else relative_slope

@@ -1,1 +1,1 @@
-"""From an optimum to an estimate: statistics, status and flags."""
+"""Evaluation of an optimum: statistics, status and flags."""

@@ -1,4 +1,4 @@
-"""From an optimum to an estimate: deviations, what speaks against it, and the verdict."""
+"""Evaluation of an optimum: covariances, evidence and verdict, and the estimate made from them."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ _OTHER_MOTION = {"not_a_rotation", "rate_not_constant"}
 
 @dataclass(frozen=True)
 class Optimum:
-    """Optimum of the factor graph and what it came from.
+    """Optimum of the factor graph and the data that it was computed from.
 
     landmarks: tracks, points and motion. result: of the optimisation. rate: of the event stream. span: begin and end of
-    the data, ns. ramp: the course of a rate that changes, None for a constant one.
+    the data, ns. ramp: None for a constant rate.
     """
 
     landmarks: Landmarks
@@ -51,12 +51,12 @@ class Optimum:
 
     @property
     def revolutions(self) -> float:
-        """Turns that were seen."""
+        """Number of observed revolutions."""
         return self.landmarks.solution.motion.rate_hz * self.duration_s
 
 
 def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str, float]) -> OrbitEstimate:
-    """Judge an optimum and put the estimate together. timing_s: seconds of each stage so far."""
+    """Evaluate an optimum and return the estimate. timing_s: seconds of each stage so far."""
     landmarks = optimum.landmarks
     solution, obs, motion = landmarks.solution, landmarks.obs, landmarks.solution.motion
     evidence = _evidence(optimum, options)
@@ -73,8 +73,8 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
     }
     if verdict.status == "failed":
         return OrbitEstimate.failure(verdict.reason, **known)
-    turns_rad = optimum.revolutions / (2 * float(obs.rows.focal.mean()))
-    covariance = widened(evidence.covariance, evidence.rigidity, motion.rate_hz, turns_rad, options.verdict.rigidity_z)
+    rad_per_px = optimum.revolutions / (2 * float(obs.rows.focal.mean()))
+    covariance = widened(evidence.covariance, evidence.rigidity, motion.rate_hz, rad_per_px, options.verdict.rigidity_z)
     t0 = optimum.ramp.middle if optimum.ramp else optimum.span[0]
     spin, points = spin_and_points(motion, solution.y, obs.t_ref, t0)
     errors = row_errors(motion.Q, motion.rate_hz, solution.y, obs.rows)
@@ -99,20 +99,20 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
 
 
 def reobserved(landmarks: Landmarks, options: BackendOptions) -> int | None:
-    """Points seen again, None where nobody looked for them."""
+    """Number of landmarks observed again one revolution later; None without re-identification."""
     if not options.reidentification.enabled:
         return None
     return reobserved_points(landmarks.obs, landmarks.solution.motion.rate_hz)
 
 
 def most_reobserved(landmarks: Landmarks, options: BackendOptions) -> bool:
-    """Whether most points came round again."""
+    """Whether most landmarks were observed again one revolution later."""
     reobservable = reobservable_points(landmarks.obs, landmarks.solution.motion.rate_hz)
     return not moves_on(reobserved(landmarks, options), reobservable)
 
 
 def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
-    """Gather what the verdict looks at."""
+    """Compute the statistics that the verdict is based on."""
     landmarks, rate = optimum.landmarks, optimum.rate
     solution, obs, motion = landmarks.solution, landmarks.obs, landmarks.solution.motion
     noise = (options.graph.cauchy_px, options.graph.bias_px)

@@ -27,8 +27,8 @@ class RateSlope:
 def rate_slope(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_px: float = 0.0) -> RateSlope:
     """Estimate the slope g in theta = 2 pi (f dt + g dt^2 / 2) by one Gauss-Newton step from the constant-rate optimum.
 
-    Motion and points are free in the step, so that nothing they could explain is taken for a drift. The deviation is
-    that of `gauss_newton`.
+    Motion and points are free in the step, so that only what they cannot explain is attributed to the slope. The
+    standard deviation is that of `gauss_newton`.
     """
     step, covariance = gauss_newton(solution, obs, cauchy_px, np.arange(SLOPE + 1), bias_px)
     return RateSlope(float(step[SLOPE]), float(np.sqrt(covariance[SLOPE, SLOPE])))

@@ -1,4 +1,4 @@
-"""Whether a result can be trusted, by stated statistics."""
+"""Status and flags of an estimate, from estimation statistics."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _MOST = 0.5
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the verdict looks at.
+    """Statistics that the verdict is based on.
 
     towards: from the camera to the middle of the object. reobserved: landmarks observed again a revolution later, None
     where tracks were not re-identified; reobservable: those that could have been. inliers: share of tracks that follow
-    the motion. revolutions: how many were seen. duration_s: length of the data.
+    the motion. revolutions: number observed. duration_s: length of the data.
     """
 
     rate_hz: float
@@ -53,18 +53,20 @@ class Verdict:
 
 
 def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
-    """Return `failed` when nothing spins, `degenerate` when rate or axis are not what they seem, `ok` otherwise.
+    """Return `failed` without an estimate of a rotation, `degenerate` when rate or axis may be wrong, `ok` otherwise.
 
-    The first of several doubts gives the reason; a failure is explained by it.
+    The most serious doubt gives the reason; the reason of a failure includes it.
     """
     doubts = _doubts(evidence, options)
-    if unconfirmed(evidence.reobserved, options):  # doubts about a motion that turns at another rate say nothing
+    if unconfirmed(evidence.reobserved, options):  # the other doubts assume the right rate
         doubts = [doubt for doubt in doubts if doubt[0] in ("too_few_turns", "axis_unobservable")]
     flags = [flag for flag, _ in doubts]
     reason = doubts[0][1] if doubts else ""
     failure, cause = _failure(evidence, options)
     if not failure and "not_a_rotation" in flags and moves_on(evidence.reobserved, evidence.reobservable):
-        failure = f"only {evidence.reobserved} of {evidence.reobservable} points came round again"
+        failure = (
+            f"only {evidence.reobserved} of {evidence.reobservable} landmarks were observed again one revolution later"
+        )
     if failure:
         named = (*flags, cause) if cause and cause not in flags else tuple(flags)
         return Verdict("failed", named, f"{failure}; {reason}" if reason else failure)
@@ -77,12 +79,12 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
 
 
 def unconfirmed(reobserved: int | None, options: VerdictOptions) -> bool:
-    """Whether too few points came round again to take the period for one. reobserved: as in `Evidence`."""
+    """Whether too few landmarks were observed again to confirm the period. reobserved: as in `Evidence`."""
     return reobserved is not None and reobserved < options.min_reobserved
 
 
 def moves_on(reobserved: int | None, reobservable: int) -> bool:
-    """Whether most points did not come back to their places: no one rate and axis describe such a motion."""
+    """Whether most landmarks were not observed again at their position: the motion is not one rotation."""
     return reobserved is not None and reobserved < _MOST * reobservable
 
 
@@ -94,27 +96,37 @@ def rate_changes(slope: RateSlope, rate_hz: float, duration_s: float, options: V
 
 
 def _doubts(evidence: Evidence, options: VerdictOptions) -> list[tuple[str, str]]:
-    """Flag and sentence of everything that makes the motion another one than it seems, the gravest first."""
+    """Flag and reason of each sign that the motion is not the estimated one, the most serious first."""
     found = []
     motion, slope = evidence.rigidity, evidence.rate_slope
     if motion.axis_wander_z > options.rigidity_z and motion.axis_wander_deg > options.max_axis_wander_deg:
         found.append(
-            ("not_a_rotation", f"not one rotation: the axis wanders by {motion.axis_wander_deg:.2f} degrees or more")
+            (
+                "not_a_rotation",
+                f"not one rotation: the axis direction varies by {motion.axis_wander_deg:.2f} degrees or more",
+            )
         )
     elif motion.closure_error_z > options.rigidity_z and motion.closure_error_px > options.max_closure_error_px:
         found.append(
-            ("not_a_rotation", f"not one rotation: one turn later the image is {motion.closure_error_px:.2f} px off")
+            (
+                "not_a_rotation",
+                f"not one rotation: the image is {motion.closure_error_px:.2f} px off one revolution later",
+            )
         )
     if rate_changes(slope, evidence.rate_hz, evidence.duration_s, options):
         found.append(
             (
                 "rate_not_constant",
-                f"the rate is not constant: it changes by {slope.slope:+.5f} +- {slope.std:.5f} Hz per second",
+                f"the spin rate is not constant: it changes by {slope.slope:+.5f} +- {slope.std:.5f} Hz per second",
             )
         )
     if evidence.revolutions < options.min_revolutions:
         found.append(
-            ("too_few_turns", f"{evidence.revolutions:.2f} turns were seen: no point was seen again at its first place")
+            (
+                "too_few_turns",
+                f"only {evidence.revolutions:.2f} revolutions were observed; {options.min_revolutions:g} are needed "
+                "to observe a landmark again",
+            )
         )
     doubt = _axis_doubt(evidence, options)
     return [*found, ("axis_unobservable", doubt)] if doubt else found
@@ -126,16 +138,26 @@ def _axis_doubt(evidence: Evidence, options: VerdictOptions) -> str:
     std = float(np.degrees(np.sqrt(np.linalg.eigvalsh(evidence.covariance.axis_cov)[-1])))
     off_view = min(angle_between(evidence.axis, evidence.towards), angle_between(-evidence.axis, evidence.towards))
     if std > options.max_axis_std_deg or off_view < 3 * std:
-        return f"the axis is not observable: {off_view:.1f} degrees off the view with a std of {std:.1f} degrees"
+        return (
+            f"the axis is not observable: {off_view:.1f} degrees from the line of sight, "
+            f"standard deviation {std:.1f} degrees"
+        )
     return ""
 
 
 def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
-    """Why there is no estimate, and the flag of that; empty where there is one."""
+    """Reason and flag of a failure; both empty for an estimate."""
     if evidence.points < options.min_points:
-        return f"only {evidence.points} points follow one rotation; {options.min_points} are needed", "too_few_points"
+        return (
+            f"only {evidence.points} landmarks follow one rotation; {options.min_points} are needed",
+            "too_few_points",
+        )
     if unconfirmed(evidence.reobserved, options):
-        return f"only {evidence.reobserved} points came round again; {options.min_reobserved} are needed", ""
+        return (
+            f"only {evidence.reobserved} landmarks were observed again one revolution later; "
+            f"{options.min_reobserved} are needed",
+            "",
+        )
     if evidence.inliers < options.min_inliers:
         return (
             f"only {evidence.inliers:.0%} of the tracks follow one rotation; {options.min_inliers:.0%} are needed",
@@ -145,5 +167,5 @@ def _failure(evidence: Evidence, options: VerdictOptions) -> tuple[str, str]:
     if not (np.isfinite(cov.rate_std_hz) and np.isfinite(cov.axis_cov).all()):
         return "the motion is not determined by the tracks (the factor graph is indeterminate)", ""
     if evidence.rate_hz <= 0 or cov.rate_std_hz > _RATE_STD_LIMIT * evidence.rate_hz:
-        return f"the rate is not determined: {evidence.rate_hz:.4f} +- {cov.rate_std_hz:.4f} Hz", ""
+        return f"the spin rate is not determined: {evidence.rate_hz:.4f} +- {cov.rate_std_hz:.4f} Hz", ""
     return "", ""

@@ -145,7 +145,7 @@ def search(data: SearchInput, thorough: bool = True, ramp_after_s: float = 0.0) 
         initialisation=chosen.initialisation,
         landmarks=chosen.landmarks,
         track_ids=chosen.track_ids,
-        ramp_searched=not constant and last.kind != "fourier" and data.duration_s >= ramp_after_s,
+        ramp_searched=not settled and last.kind != "fourier" and data.duration_s >= ramp_after_s,
     )
 
 

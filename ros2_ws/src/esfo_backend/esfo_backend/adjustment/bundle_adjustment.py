@@ -1,4 +1,4 @@
-"""Bundle adjustment of the orbit by Levenberg-Marquardt with the points eliminated (Schur complement)."""
+"""Bundle adjustment of the orbit by Levenberg-Marquardt with the landmarks eliminated (Schur complement)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _RELATIVE_GAIN = 1e-10
 
 @dataclass(frozen=True)
 class OrbitSolution:
-    """Result of an adjustment: motion, points y (P, 3), robust cost in px^2, iterations used."""
+    """Result of a bundle adjustment: motion, landmarks y (P, 3), robust cost in px^2, iterations used."""
 
     motion: Motion
     y: Matrix
@@ -32,9 +32,9 @@ class OrbitSolution:
 
 
 class NormalEquations(NamedTuple):
-    """J^T W J and J^T W r by blocks, and the cost where they were taken: m is the motion (Q, rate), p a point.
+    """Blocks of J^T W J and J^T W r, and the cost at the same values: m is the motion (Q, rate), p a landmark.
 
-    mm: (4, 4). m: (P, 4), kept per point because the covariance needs the score of each. mp: (P, 4, 3).
+    mm: (4, 4). m: (P, 4), the score of each landmark. mp: (P, 4, 3).
     pp: (P, 3, 3). p: (P, 3). cost: that of `robust_cost`, px^2.
     """
 
@@ -111,7 +111,7 @@ def _eliminate(H: NormalEquations, j: int, damping: float, L: Matrix, Z: Matrix)
 
 @njit(cache=True, nogil=True)
 def _motion_step(H: NormalEquations, Z: Blocks, damping: float, free_rate: bool) -> NDArray[np.floating]:
-    """Solve what is left when the points are eliminated, (4,)."""
+    """Solve the reduced equations of the motion, (4,)."""
     S, b = H.mm.copy(), np.zeros(4)
     for m in range(4):
         S[m, m] += damping * H.mm[m, m] + 1e-12
@@ -134,7 +134,7 @@ def _motion_step(H: NormalEquations, Z: Blocks, damping: float, free_rate: bool)
 def _step(H: NormalEquations, damping: float, free_rate: bool) -> tuple[NDArray[np.floating], Matrix, float]:
     """Solve the damped normal equations; returns the steps of motion (4,) and points (P, 3), and the expected gain.
 
-    The gain, in px^2, is that of the linearised cost, or less by what the damping holds back.
+    The gain, in px^2, is a lower bound on the decrease of the linearised cost.
     """
     P = len(H.p)
     L, Z = np.empty((P, 3, 3)), np.empty((P, 5, 3))
@@ -160,7 +160,7 @@ def _step(H: NormalEquations, damping: float, free_rate: bool) -> tuple[NDArray[
 def _levenberg_marquardt(
     Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy: float, limits: tuple[bool, int, float]
 ) -> tuple[Matrix, float, Matrix, float, int]:
-    """Cost and equations come from one pass over the rows; the pass of a step that is taken serves the next one."""
+    """One pass over the observations gives cost and equations; those of an accepted step are used by the next one."""
     free_rate, iterations, tolerance = limits
     H = normal_equations(Q, rate, y, rows, cauchy, 1)
     damping = 1e-4
@@ -186,7 +186,7 @@ def _levenberg_marquardt(
 
 
 def linear_points(motion: Motion, obs: Observations) -> Matrix:
-    """Best points (P, 3) for a given motion, by linear least squares."""
+    """Landmarks (P, 3) for a given motion, by linear least squares."""
     return np.asarray(triangulate(motion.Q, motion.rate_hz, obs.rows))
 
 
@@ -198,10 +198,10 @@ def bundle_adjustment(
     free_rate: bool = True,
     iterations: int = 50,
 ) -> OrbitSolution:
-    """Minimise the robust reprojection error over Q, the rate (if free) and all points.
+    """Minimise the robust reprojection error over Q, the rate (if free) and all landmarks.
 
-    cauchy_px: scale of Cauchy's function, <= 0 for plain least squares. Stops when a step gains, or can
-    be expected to gain, less than 1e-10 of the cost.
+    cauchy_px: scale of Cauchy's function, <= 0 for plain least squares. Stops when a step reduces, or is
+    expected to reduce, the cost by less than 1e-10 of it.
     """
     Q, rate, points, cost, used = _levenberg_marquardt(
         np.ascontiguousarray(motion.Q),
@@ -211,5 +211,5 @@ def bundle_adjustment(
         float(cauchy_px),
         (free_rate, iterations, _RELATIVE_GAIN),
     )
-    U, _, Vt = np.linalg.svd(Q)  # rounding of many small rotations
+    U, _, Vt = np.linalg.svd(Q)  # removes the rounding errors of many small rotations
     return OrbitSolution(Motion(U @ Vt, float(rate)), points, float(cost), int(used))

@@ -1,8 +1,8 @@
-"""The orbit problem, points eliminated, with what else may move residuals: slope of the rate, bias of corners.
+"""Normal equations of the orbit, landmarks eliminated, extended by the rate slope and the bias of corners.
 
 The corners of the front-end are not exactly points of the object. Part of that error is common to all of them: they
-trail their point, and lie inside or outside of its corner, as the image motion and the side from which it is seen
-decide. No residual shows the part that the axis can absorb, so its deviation is to be added by its size.
+lag behind their point, and lie inside or outside of the object's corner, depending on the image motion and the viewing
+side. The residuals do not show the part that a change of the axis compensates, so its covariance is added.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def reduced_equations(
 ) -> tuple[NDArray[np.float64], Matrix]:
     """Information (P, 10, 10) and score (P, 10) that each landmark gives of the columns above, itself eliminated.
 
-    Rows weigh by Cauchy's weight^power at the residuals, with power as in `normal_equations`; rows behind the camera
-    count nothing.
+    Weights are Cauchy's weight^power at the residuals, with power as in `normal_equations`; observations behind the
+    camera are left out.
     """
     P = len(rows.first) - 1
     information, score = np.zeros((P, COLUMNS, COLUMNS)), np.zeros((P, COLUMNS))
@@ -136,7 +136,7 @@ def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, 
 
 
 def bias_sensitivity(information: Matrix, solved: NDArray[np.int64]) -> Matrix:
-    """How much the columns `solved` (S,) move for a bias of 1 px of each kind, (S, 4), when they alone are estimated.
+    """Derivative (S, 4) of the estimated columns `solved` (S,) by a bias of each kind, per px.
 
     information: (10, 10), summed over points.
     """
@@ -144,7 +144,7 @@ def bias_sensitivity(information: Matrix, solved: NDArray[np.int64]) -> Matrix:
 
 
 def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
-    """Solve symmetric equations whose unknowns have very different units; what is not determined stays 0."""
+    """Solve symmetric equations of unknowns in different units; undetermined unknowns are 0."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information / np.outer(scale, scale), hermitian=True)
     return np.asarray(inverse @ (right / scale[:, None]) / scale[:, None])

@@ -1,4 +1,4 @@
-"""How sure the motion is: a covariance that survives errors correlated along a track, or common to all tracks."""
+"""Covariance of the motion, for errors that are correlated along a track or common to all tracks."""
 
 from __future__ import annotations
 
@@ -27,14 +27,13 @@ class MotionCovariance:
 def motion_covariance(
     solution: OrbitSolution, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
 ) -> MotionCovariance:
-    """Scale the graph's marginal by the noise that the residuals show.
+    """Scale the graph's marginal covariance by the variance of the residuals.
 
-    marginal: (4, 4) for residuals of unit variance. Two estimates are made: with independent residuals of one variance,
-    and with residuals that are independent between points only (sandwich estimator, clusters = points), which is the
-    honest one for tracks whose error drifts. The larger one, by the variance of each parameter, is kept, because the
-    sandwich is itself noisy for few points. A bias of corners of standard deviation bias_px, which all points share and
-    no residual shows, is added as in a Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where
-    the marginal is.
+    marginal: (4, 4) for residuals of unit variance. Two estimates are made: for independent residuals of one variance,
+    and for residuals that are independent between landmarks only (sandwich estimator, clusters = landmarks), because
+    errors are correlated along a track. The larger variance of each parameter is kept, because the sandwich estimate is
+    noisy for few landmarks. A bias of corners of standard deviation bias_px, common to all landmarks, is added as in a
+    Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where the marginal is.
     """
     motion = solution.motion
     information, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
@@ -64,7 +63,7 @@ def _independent_variance(solution: OrbitSolution, obs: Observations, cauchy_px:
 
 
 def schur_marginal(solution: OrbitSolution, obs: Observations, cauchy_px: float) -> Matrix:
-    """Marginal covariance (4, 4) of (rotation vector of Q, rate) as of the factor graph; NaN where indeterminate."""
+    """Marginal covariance (4, 4) of (rotation vector of Q, rate) as from the factor graph; NaN where indeterminate."""
     motion = solution.motion
     information, _ = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 2)
     try:

@@ -1,6 +1,6 @@
 """Elimination of one landmark from the normal equations (Schur complement), by Cholesky.
 
-The solver's steps and all covariances eliminate landmarks here, with one regularisation.
+The solver's steps and all covariances use it, with the same regularisation.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from esfo_core.orbit import Matrix
 
 REGULARISATION = 1e-9
-"""Added to the information of each landmark, px^2 per squared orbit radius: a depth that is not observed stays finite.
-What is observed has an information of the squared focal length in px, which is 1e13 times as much."""
+"""Added to the information of each landmark, px^2 per squared orbit radius: an unobserved depth stays finite.
+Observed coordinates have an information of about the squared focal length in px, 1e13 times as much."""
 
 _LEAST_PIVOT = 1e-12
 
@@ -30,7 +30,7 @@ def factor_landmark(D: Matrix, damping: float, L: Matrix) -> None:
                 L[m, n] -= L[m, k] * L[n, k]
             if n < m:
                 L[m, n] /= L[n, n]
-        L[m, m] = np.sqrt(max(L[m, m], _LEAST_PIVOT))  # rounding may take a depth that is not observed below zero
+        L[m, m] = np.sqrt(max(L[m, m], _LEAST_PIVOT))  # rounding may make an unobserved depth negative
 
 
 @njit(cache=True, nogil=True)

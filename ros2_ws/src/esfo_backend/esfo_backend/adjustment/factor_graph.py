@@ -1,8 +1,11 @@
-"""The factor graph over the orbit (paper, section 5.2) in GTSAM, in the minimal gauge of `problem`.
+"""The factor graph over the orbit (paper, section 5.2) in GTSAM, in the minimal gauge of `parametrization`.
 
-Variables: Q as Rot3, the rate as a vector of one, one Point3 per point of the object. One factor per point stacks all
-its rows with analytic Jacobians: a Python factor costs a copy of all values at each call inside GTSAM's own optimisers,
-so the Levenberg-Marquardt loop is here, around `linearize`, where there is no such copy.
+The Schur solver of `bundle_adjustment` does the search because it is fast; GTSAM's graph stays the last stage because
+results and covariances are promised from it.
+
+Variables: Q as Rot3, the rate as a vector of one, one Point3 per landmark. One factor per landmark stacks all its
+observations with analytic Jacobians. GTSAM's own optimisers copy all values at each call of a Python factor;
+`linearize` does not, so the Levenberg-Marquardt loop is written here around it.
 """
 
 from __future__ import annotations
@@ -39,9 +42,9 @@ class GraphOptimum:
 
 
 def orbit_factor(point: int, rows: ObservationRows, cauchy_px: float, power: int = 1) -> gtsam.CustomFactor:
-    """Return the orbit factor (paper, figure 4) of one point: all its rows, whitened and robustly weighted.
+    """Return the orbit factor (paper, figure 4) of one landmark: all its observations, whitened and robustly weighted.
 
-    rows: rows of this point alone. power: see `linearize_stack`.
+    rows: observations of this landmark. power: see `linearize_stack`.
     """
 
     def error(_: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Matrix] | None) -> Vector:
@@ -59,7 +62,7 @@ def orbit_factor(point: int, rows: ObservationRows, cauchy_px: float, power: int
 
 
 def orbit_graph(obs: Observations, cauchy_px: float, power: int = 1) -> gtsam.NonlinearFactorGraph:
-    """Return the graph with one orbit factor per point."""
+    """Return the graph with one orbit factor per landmark."""
     graph = gtsam.NonlinearFactorGraph()
     for j in range(obs.points):
         graph.push_back(orbit_factor(j, obs.of_point(j), cauchy_px, power))
@@ -67,7 +70,7 @@ def orbit_graph(obs: Observations, cauchy_px: float, power: int = 1) -> gtsam.No
 
 
 def graph_values(motion: Motion, y: Matrix) -> gtsam.Values:
-    """Pack motion and points (P, 3) into GTSAM values."""
+    """Pack motion and landmarks (P, 3) into GTSAM values."""
     values = gtsam.Values()
     values.insert(_ROTATION, gtsam.Rot3(motion.Q))
     values.insert(_RATE, np.array([motion.rate_hz]))
@@ -81,8 +84,8 @@ def _unpack(values: gtsam.Values, points: int) -> tuple[Matrix, float, Matrix]:
     return values.atRot3(_ROTATION).matrix(), float(values.atVector(_RATE)[0]), y
 
 
-def optimise_graph(start: OrbitSolution, obs: Observations, cauchy_px: float, iterations: int) -> GraphOptimum:
-    """Minimise the robust reprojection error over the whole graph, starting from `start`."""
+def optimise_graph(initial: OrbitSolution, obs: Observations, cauchy_px: float, iterations: int) -> GraphOptimum:
+    """Minimise the robust reprojection error over the whole graph, from the initial values."""
     graph = orbit_graph(obs, cauchy_px)
     ordering = gtsam.Ordering()
     for j in range(obs.points):
@@ -93,7 +96,7 @@ def optimise_graph(start: OrbitSolution, obs: Observations, cauchy_px: float, it
     def cost_of(at: gtsam.Values) -> float:
         return float(robust_cost(*_unpack(at, obs.points), obs.rows, cauchy_px))
 
-    values = graph_values(start.motion, start.y)
+    values = graph_values(initial.motion, initial.y)
     cost, damping, used = cost_of(values), 1e-6, 0
     while used < iterations:
         used += 1
@@ -110,8 +113,8 @@ def optimise_graph(start: OrbitSolution, obs: Observations, cauchy_px: float, it
         if previous - cost <= _RELATIVE_GAIN * previous:
             break
     rotation, rate, y = _unpack(values, obs.points)
-    adjusted = OrbitSolution(Motion(rotation, rate), y, cost, used)
-    return GraphOptimum(adjusted, motion_marginal(values, obs, cauchy_px))
+    optimum = OrbitSolution(Motion(rotation, rate), y, cost, used)
+    return GraphOptimum(optimum, motion_marginal(values, obs, cauchy_px))
 
 
 def _damped_step(
@@ -133,9 +136,9 @@ def _damped_step(
 
 
 def motion_marginal(values: gtsam.Values, obs: Observations, cauchy_px: float) -> Matrix:
-    """Marginal covariance (4, 4) of (rotation vector of Q, rate), all points eliminated; NaN where indeterminate.
+    """Marginal covariance (4, 4) of (rotation vector of Q, rate), all landmarks eliminated; NaN where indeterminate.
 
-    Linearised with the mean second derivative of the robust loss (power 2), which information needs.
+    Linearised with the mean second derivative of the robust loss (power 2), as the information requires.
     """
     try:
         marginals = gtsam.Marginals(orbit_graph(obs, cauchy_px, 2), values)

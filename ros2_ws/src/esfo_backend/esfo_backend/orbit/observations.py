@@ -1,4 +1,4 @@
-"""Observations of landmarks: rows of feature tracks in the form that the kernels read."""
+"""Observations of landmarks, in the form that the kernels read."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
 
 REFERENCE_SIGMA_PX = 0.5
-"""Part of the error that no track knows of: the corner is not exactly a point of the object."""
+"""Standard deviation that is not in the sigma of a track: the corner is not exactly a point of the object."""
 
 
 class ObservationRows(NamedTuple):
-    """Rows of tracks, sorted by point, in the form that the kernels read.
+    """Observations sorted by landmark, in the form that the kernels read.
 
-    dt: (N,) s from the reference time. xy: (N, 2) ideal plane coordinates. weight: (N,) in (0, 1], relative to a row
-    with no sigma of its own. first: (P + 1,) rows of point j are first[j]:first[j+1]. focal: (2,) px.
+    dt: (N,) s from the reference time. xy: (N, 2) ideal plane coordinates. weight: (N,) in (0, 1], relative to an
+    observation with sigma 0. first: (P + 1,) observations of landmark j are first[j]:first[j+1]. focal: (2,) px.
     """
 
     dt: Vector
@@ -34,28 +34,28 @@ class ObservationRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Observations:
-    """Rows and the reference time t_ref in ns that they count from."""
+    """Observations and the reference time t_ref in ns of their times."""
 
     rows: ObservationRows
     t_ref: int
 
     @property
     def points(self) -> int:
-        """Number of points."""
+        """Number of landmarks."""
         return len(self.rows.first) - 1
 
     def of_point(self, j: int) -> ObservationRows:
-        """Rows of point j alone."""
+        """Observations of landmark j."""
         dt, xy, weight, first, focal = self.rows
         part = slice(first[j], first[j + 1])
         return ObservationRows(dt[part], xy[part], weight[part], np.array([0, first[j + 1] - first[j]]), focal)
 
     def point_index(self) -> NDArray[np.int64]:
-        """Point of each row, (N,)."""
+        """Landmark index of each observation, (N,)."""
         return np.repeat(np.arange(self.points), np.diff(self.rows.first))
 
     def part(self, chosen: NDArray[np.bool_], min_observations: int) -> Observations:
-        """Keep the rows chosen by a mask (N,), and only points that have `min_observations` of them."""
+        """Keep the observations chosen by a mask (N,), of landmarks that have at least `min_observations` of them."""
         point = self.point_index()
         enough = np.bincount(point[chosen], minlength=self.points) >= min_observations
         k = np.flatnonzero(chosen & enough[point])
@@ -65,7 +65,7 @@ class Observations:
         return Observations(ObservationRows(dt[k], xy[k], weight[k], first, focal), self.t_ref)
 
     def regroup(self, label: NDArray[np.int64]) -> Observations:
-        """Merge points: point j becomes part of point label[j]; a negative label drops it."""
+        """Merge landmarks: landmark j becomes part of landmark label[j]; a negative label drops it."""
         row_label = label[self.point_index()]
         k = np.flatnonzero(row_label >= 0)
         k = k[np.lexsort((self.rows.dt[k], row_label[k]))]
@@ -76,7 +76,7 @@ class Observations:
 
 
 def observations(tracks: Tracks, camera: Camera, min_observations: int) -> tuple[Observations, NDArray[np.uint32]]:
-    """Prepare tracks of at least `min_observations` rows; also return the track id of each point, (P,).
+    """Return the tracks of at least `min_observations` rows, a landmark each, and their track ids, (P,).
 
     Raises BackendError when no track is long enough.
     """
@@ -84,7 +84,7 @@ def observations(tracks: Tracks, camera: Camera, min_observations: int) -> tuple
     ids, counts = np.unique(ordered.track_id, return_counts=True)
     long_enough = np.repeat(counts >= min_observations, counts)
     if not long_enough.any():
-        raise BackendError(f"none of {len(ids)} tracks has {min_observations} rows", "too_few_points")
+        raise BackendError(f"none of {len(ids)} tracks has {min_observations} observations", "too_few_points")
     kept = ordered.select(long_enough)
     counts = counts[counts >= min_observations]
     t_ref = int(kept.t.min() + (kept.t.max() - kept.t.min()) // 2)

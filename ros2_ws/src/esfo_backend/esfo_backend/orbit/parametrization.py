@@ -34,7 +34,10 @@ class Motion:
 
 
 def motion_from_axis(axis: Vector, towards: Vector, rate_hz: float) -> Motion:
-    """Motion about `axis` (3,) through an object seen in the direction `towards` (3,)."""
+    """Return the motion about `axis` (3,) of an object seen in the direction `towards` (3,).
+
+    Raises BackendError when the axis passes through the camera.
+    """
     perpendicular = towards - (towards @ axis) * axis
     length = np.linalg.norm(perpendicular)
     if length < 1e-9:
@@ -44,10 +47,10 @@ def motion_from_axis(axis: Vector, towards: Vector, rate_hz: float) -> Motion:
 
 
 def spin_and_points(motion: Motion, y: Matrix, t_ref: int, t0: int) -> tuple[Spin, Matrix]:
-    """Leave the gauge: the spin about the point of the axis nearest the centroid, and (P, 3) points at time t0."""
+    """Leave the gauge: return the spin, its centre on the axis at the median height, and (P, 3) points at t0."""
     theta = 2 * np.pi * motion.rate_hz * (t0 - t_ref) / NS_PER_S
     c, s = np.cos(theta), np.sin(theta)
-    turned = np.stack([c * y[:, 0] + s * y[:, 1], -s * y[:, 0] + c * y[:, 1], y[:, 2]], axis=1)
+    rotated = np.stack([c * y[:, 0] + s * y[:, 1], -s * y[:, 0] + c * y[:, 1], y[:, 2]], axis=1)
     height = float(np.median(y[:, 2])) if len(y) else 0.0
     center = motion.Q @ np.array([-1.0, 0.0, height])
-    return Spin(motion.axis, motion.rate_hz, center, t0), (turned - [0.0, 0.0, height]) @ motion.Q.T
+    return Spin(motion.axis, motion.rate_hz, center, t0), (rotated - [0.0, 0.0, height]) @ motion.Q.T

@@ -1,4 +1,4 @@
-"""Kernels of the orbit model: residuals, Jacobians, robust cost. Used by every solver, so that all agree."""
+"""Kernels of the orbit model: residuals, Jacobians, robust cost. All solvers use them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from esfo_backend.orbit.observations import ObservationRows
 from esfo_core.orbit import Matrix, Vector
 
 BEHIND_CAMERA_COST = 1e4
-"""Robust cost in px^2 of a row whose point lies behind the camera: larger than any visible error."""
+"""Robust cost in px^2 of an observation whose landmark lies behind the camera: larger than any visible error."""
 
 _NEAREST = 1e-3
 
@@ -37,8 +37,8 @@ def linearize_row(Q: Matrix, rate: float, y: Vector, rows: ObservationRows, k: i
     z = Q[2, 0] * w0 + Q[2, 1] * w1 + Q[2, 2] * w2
     if z < _NEAREST:
         return False
-    turn = 2 * np.pi * rows.dt[k]
-    d0, d1 = turn * w1, -turn * (w0 + 1.0)
+    dtheta = 2 * np.pi * rows.dt[k]  # d theta / d rate
+    d0, d1 = dtheta * w1, -dtheta * (w0 + 1.0)
     for i in range(2):
         gain = rows.focal[i] * rows.weight[k]
         x = (Q[i, 0] * w0 + Q[i, 1] * w1 + Q[i, 2] * w2) / z
@@ -114,9 +114,9 @@ def robust_cost(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy
 
 @njit(cache=True, nogil=True)
 def triangulate(Q: Matrix, rate: float, rows: ObservationRows) -> Matrix:
-    """Linear start (P, 3) of every point: the least-squares solution of (M0 - x M2) y = e0 - x e2 and its twin in y.
+    """Initial landmarks (P, 3): the least-squares solution of (M0 - x M2) y = e0 - x e2 and the same for the image's y.
 
-    M = Q Rz(-theta), e = Q e_x. Rows are weighted alike, which is right for points of similar depth. A solution
+    M = Q Rz(-theta), e = Q e_x. All observations have equal weight, since the depths are similar. A solution
     behind the camera is replaced by the point on the ray of the middle row that is nearest to the axis.
     """
     P = len(rows.first) - 1

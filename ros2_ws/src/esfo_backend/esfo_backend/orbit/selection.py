@@ -1,4 +1,4 @@
-"""Which points to keep where not all of them can be: the longest of every part of the time."""
+"""Selection of a limited number of tracks: the longest of each time interval."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PARTS = 16
 class TrackTable:
     """One entry per track. ids: (M,), ascending. begin: (M,) time of the first row, ns. rows: (M,) number of rows.
 
-    index: (N,) entry of each row of the tracks.
+    index: (N,) entry of each row.
     """
 
     ids: NDArray[np.uint32]
@@ -34,7 +34,7 @@ class TrackTable:
         return TrackTable(ids, begin, rows, index)
 
     def rows_of(self, tracks: Tracks, chosen: NDArray[np.int64]) -> Tracks:
-        """Return the rows of the chosen entries, of the tracks that the table is of, in their order."""
+        """Return the rows of the chosen entries, in their order. tracks: those that the table was made from."""
         kept = np.zeros(len(self.ids), bool)
         kept[chosen] = True
         return tracks.select(kept[self.index])
@@ -43,9 +43,9 @@ class TrackTable:
 def spread(begin: NDArray[np.int64], rows: NDArray[np.int64], rank: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """Choose at most `count` of M tracks; returns their indices, ascending.
 
-    begin: (M,) time of the first row. rows: (M,) number of rows. rank: (M,) tracks of a lower rank go first. Within a
-    rank time is cut into 16 parts, each of which gives its longest track in turn, so that all azimuths and revolutions
-    keep a share; ties go to the earlier track.
+    begin: (M,) time of the first row. rows: (M,) number of rows. rank: (M,) lower ranks are chosen first. In a rank,
+    time is divided into 16 intervals, of which each gives its longest remaining track in each round, so that all
+    azimuths and revolutions are represented; of equally long tracks the earlier one is chosen.
     """
     if len(begin) <= count:
         return np.arange(len(begin))
@@ -54,8 +54,8 @@ def spread(begin: NDArray[np.int64], rows: NDArray[np.int64], rank: NDArray[np.i
     order = np.lexsort((begin, -rows, part, rank))
     new = np.diff(rank[order] * _PARTS + part[order], prepend=-1) != 0
     place = np.arange(len(order))
-    turn = place - np.maximum.accumulate(np.where(new, place, 0))  # place of a track among those of its rank and part
-    return np.sort(order[np.lexsort((-rows[order], turn, rank[order]))[:count]])
+    round_ = place - np.maximum.accumulate(np.where(new, place, 0))  # index within the rank and the interval
+    return np.sort(order[np.lexsort((-rows[order], round_, rank[order]))[:count]])
 
 
 def spread_tracks(tracks: Tracks, count: int) -> Tracks:
@@ -67,7 +67,7 @@ def spread_tracks(tracks: Tracks, count: int) -> Tracks:
 
 
 def longest_points(obs: Observations, count: int) -> Observations:
-    """Return at most `count` points, chosen by `spread`; `obs` itself when it has no more."""
+    """Return at most `count` landmarks, chosen by `spread`; `obs` itself when it has no more."""
     if obs.points <= count:
         return obs
     first = obs.rows.first

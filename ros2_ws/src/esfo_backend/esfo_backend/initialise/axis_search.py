@@ -1,7 +1,7 @@
-"""The direct start: no COLMAP, only a search over the axis, because everything else follows from it.
+"""Axis search: initialisation without COLMAP, by a search over the direction of the axis.
 
-For a given axis and rate every point is a linear solve, so a coarse set of axes over the sphere is tried and each is
-adjusted with the rate held. Mirrored and wrong-axis optima come out as further local minima.
+For a given axis and rate each landmark is a linear least-squares solution. A coarse set of axes over the sphere is
+tried, each refined by bundle adjustment at a fixed rate. Mirrored and wrong axes appear as further local minima.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from esfo_backend.orbit.selection import longest_points
 from esfo_core.orbit import Matrix, Vector, angle_between, rotation, tangent_basis
 
 _COARSE_ITERATIONS = 8
-_FINER_ITERATIONS = 15
+_FINE_ITERATIONS = 15
 _FINAL_ITERATIONS = 20
 _SAME_OPTIMUM_DEG = 2.0
 _NEAR_VIEW_DEG, _RINGS_DEG, _AROUND = 20.0, (3.0, 8.0), 6
-"""Parallax goes with the angle between axis and view; where that is small, it must be begun with to a part of it."""
+"""Parallax depends on the angle between axis and line of sight; small angles need a denser set of axes."""
 
 
 @dataclass(frozen=True)
 class AxisSearchResult:
-    """best: the cheapest optimum. second: the next distinct one, None when every start ended in the same place."""
+    """best: the optimum of lowest cost. second: the next distinct one, None when all axes lead to the same."""
 
     best: OrbitSolution
     second: OrbitSolution | None
 
 
 def directions(count: int) -> Matrix:
-    """Spread `count` unit vectors (count, 3) evenly over the sphere (Fibonacci lattice)."""
+    """Return `count` unit vectors (count, 3), even over the sphere (Fibonacci lattice)."""
     k = np.arange(count) + 0.5
     z = 1 - 2 * k / count
     longitude = np.pi * (1 + 5**0.5) * k
@@ -47,15 +47,15 @@ def directions(count: int) -> Matrix:
 
 
 def mean_direction(obs: Observations) -> Vector:
-    """Direction (3,) towards the middle of all rows."""
+    """Direction (3,) towards the median of all observations, not normalised."""
     return np.append(np.median(obs.rows.xy, axis=0), 1.0)
 
 
 def search_axis(obs: Observations, rate_hz: float, options: InitialisationOptions) -> AxisSearchResult:
-    """Search the axis with the rate held at `rate_hz`; the optima are finished with all points.
+    """Search the axis at the fixed rate `rate_hz`; the optima are refined with all observations.
 
-    Axes are tried on all processors; the result does not depend on how many there are. Raises BackendError when no
-    start gives a finite cost.
+    Axes are tried on all processors; the result does not depend on their number. Raises BackendError when no axis has
+    a finite cost.
     """
     towards, sample = mean_direction(obs), longest_points(obs, options.search_tracks)
     axes = [a for a in directions(options.axes) if min(angle_between(a, towards), angle_between(-a, towards)) >= 1]
@@ -72,7 +72,7 @@ def search_axis(obs: Observations, rate_hz: float, options: InitialisationOption
             coarse = _by_cost([*coarse, *pool.map(tried, _rings(view))])
     if not coarse:
         raise BackendError(f"no axis explains {obs.points} tracks at {rate_hz:.4f} Hz")
-    optima = _distinct(coarse, sample, options, _FINER_ITERATIONS, 3)
+    optima = _distinct(coarse, sample, options, _FINE_ITERATIONS, 3)
     final = _distinct(optima, obs, options, _FINAL_ITERATIONS, 2)
     return AxisSearchResult(final[0], final[1] if len(final) > 1 else None)
 
@@ -82,12 +82,12 @@ def _by_cost(tried: Iterable[OrbitSolution]) -> list[OrbitSolution]:
 
 
 def _near_view(axis: Vector, towards: Vector) -> Vector | None:
-    """The direction of view, or its opposite, that an axis is close to; None: neither."""
+    """The line of sight, in the direction that an axis is close to; None if it is close to neither."""
     return next((view for view in (towards, -towards) if angle_between(axis, view) < _NEAR_VIEW_DEG), None)
 
 
 def _rings(view: Vector) -> list[Vector]:
-    """Axes on cones about the direction of view."""
+    """Axes on cones about the line of sight."""
     middle = view / np.linalg.norm(view)
     aside = tangent_basis(middle)[:, 0]
     tilted = [rotation(aside, np.radians(deg)) @ middle for deg in _RINGS_DEG]
@@ -95,17 +95,17 @@ def _rings(view: Vector) -> list[Vector]:
 
 
 def _distinct(
-    starts: list[OrbitSolution], obs: Observations, options: InitialisationOptions, iterations: int, count: int
+    candidates: list[OrbitSolution], obs: Observations, options: InitialisationOptions, iterations: int, count: int
 ) -> list[OrbitSolution]:
-    """Adjust the starts in their order until there are `count` distinct optima; the cheapest first."""
+    """Refine candidates in their order until there are `count` distinct optima; the lowest cost first."""
     optima: list[OrbitSolution] = []
-    for start in starts:
-        if any(_same(start, o) for o in optima):
+    for candidate in candidates:
+        if any(_same(candidate, o) for o in optima):
             continue
-        y = linear_points(start.motion, obs)
-        finished = bundle_adjustment(start.motion, y, obs, options.cauchy_px, False, iterations)
-        if not any(_same(finished, o) for o in optima):
-            optima.append(finished)
+        y = linear_points(candidate.motion, obs)
+        refined = bundle_adjustment(candidate.motion, y, obs, options.cauchy_px, False, iterations)
+        if not any(_same(refined, o) for o in optima):
+            optima.append(refined)
         if len(optima) == count:
             break
     return sorted(optima, key=lambda c: c.cost)

@@ -23,10 +23,10 @@ class Circle:
 
 @dataclass(frozen=True)
 class CameraOrbit:
-    """Motion read off free camera poses.
+    """Motion estimated from free camera poses.
 
-    motion: the four parameters. turns: total of the phase over the views, unwrapped. circle_residual: RMS distance of
-    the camera centres from the circle, in radii. rate_std_hz: of the phase slope.
+    motion: the four parameters. turns: revolutions over the views, from the phase. circle_residual: RMS distance of the
+    camera centres from the circle, in radii. rate_std_hz: of the phase slope.
     """
 
     motion: Motion
@@ -38,7 +38,7 @@ class CameraOrbit:
 def fit_circle(points: Matrix) -> Circle:
     """Fit a circle to (N, 3) points: plane by SVD, then the implicit circle equation by least squares.
 
-    The paper fits the plane as z = ax + by, which has no answer for a vertical plane; the SVD has no such case.
+    The paper fits the plane as z = ax + by, which fails for a vertical plane; the SVD does not.
     Raises BackendError for fewer than three distinct points.
     """
     if len(points) < 3:
@@ -59,9 +59,9 @@ def fit_circle(points: Matrix) -> Circle:
 
 
 def orbit_of_cameras(R: Matrix, t: Matrix, seconds: Vector) -> CameraOrbit:
-    """Read the motion off world-to-camera poses R (N, 3, 3), t (N, 3) at times (N,) in s.
+    """Estimate the motion from world-to-camera poses R (N, 3, 3), t (N, 3) at times (N,) in s.
 
-    The rate is the slope of the phase on the circle, not the FFT's; the normal points so that the phase grows.
+    The rate is the slope of the phase on the circle; the normal has the sign for which the phase increases.
     Raises BackendError when the poses are no orbit.
     """
     order = np.argsort(seconds)
@@ -79,7 +79,7 @@ def orbit_of_cameras(R: Matrix, t: Matrix, seconds: Vector) -> CameraOrbit:
         normal, phase, slope = -normal, -phase, -slope
     residual = phase - np.median(phase - slope * seconds) - slope * seconds
     spread = np.sqrt(np.mean(residual**2) / max(len(seconds) - 2, 1) / max(np.var(seconds), 1e-300))
-    # n turns with the camera: in the camera frame it stands still, which is what makes this an orbit.
+    # In an orbit the normal is constant in the camera frame.
     in_camera = (R @ normal).mean(axis=0)
     towards = (np.einsum("nij,j->ni", R, circle.center) + t).mean(axis=0)
     motion = motion_from_axis(-in_camera / np.linalg.norm(in_camera), towards, slope / (2 * np.pi))
@@ -89,7 +89,7 @@ def orbit_of_cameras(R: Matrix, t: Matrix, seconds: Vector) -> CameraOrbit:
 
 
 def robust_slope(x: Vector, y: Vector) -> float:
-    """Median slope between points half the list apart (Theil-Sen with N/2 pairs), so that a bad view counts little."""
+    """Median slope between points N/2 apart (Theil-Sen with N/2 pairs), robust to single bad views."""
     half = len(x) // 2
     if half == 0:
         raise BackendError("one camera has no phase slope")

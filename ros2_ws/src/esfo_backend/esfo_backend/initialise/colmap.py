@@ -18,7 +18,7 @@ from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
 
-# A track set without a model is an answer here, not an error to print.
+# Tracks without a model are reported by BackendError; COLMAP's own messages are suppressed.
 pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
 
 _SEED = 1
@@ -28,7 +28,7 @@ _WIDEST_PAIR = 6
 
 @dataclass(frozen=True)
 class Views:
-    """Tracks cut into cameras.
+    """Observations by view.
 
     seconds: (V,) mean time of each view from the first row, s. uv: per view (K, 2) ideal pixels. track: per view (K,)
     track ids, ascending.
@@ -41,7 +41,7 @@ class Views:
 
 @dataclass(frozen=True)
 class ColmapResult:
-    """What COLMAP found: the orbit read off its cameras, how many it registered of how many, and its RMS error."""
+    """Orbit of COLMAP's cameras, number of registered and of all views, and RMS reprojection error."""
 
     orbit: CameraOrbit
     registered: int
@@ -50,7 +50,7 @@ class ColmapResult:
 
 
 def cut_views(tracks: Tracks, camera: Camera, window_s: float) -> Views:
-    """Group rows into windows of `window_s`; a track with two rows in one window gives the first."""
+    """Group observations into windows of `window_s`; of several of a track in one window, the first is kept."""
     ordered = tracks.sorted()
     window = (ordered.t - ordered.t.min()) // round(window_s * NS_PER_S)
     _, unique = np.unique(np.stack([window, ordered.track_id.astype(np.int64)]), axis=1, return_index=True)
@@ -68,10 +68,10 @@ def cut_views(tracks: Tracks, camera: Camera, window_s: float) -> Views:
 
 
 def bounded(views: Views, options: InitialisationOptions) -> Views:
-    """Return the stretch of consecutive views with the most tracks, and of each view the tracks of the most views.
+    """Return the consecutive views with the most tracks, and of each view the tracks that are in the most views.
 
-    What is within the limits of the options comes back as it is. COLMAP's time grows with both numbers, its answer
-    does not get better: a few turns are no more to it than one, since it does not know a point again.
+    Views within the limits of the options are unchanged. COLMAP's time grows with both numbers, its accuracy does not:
+    further revolutions add nothing, since its landmarks are not re-identified.
     """
     counts = np.array([len(t) for t in views.track])
     width = min(options.colmap_max_views, len(counts))
@@ -90,7 +90,7 @@ def bounded(views: Views, options: InitialisationOptions) -> Views:
 
 
 def run_colmap(tracks: Tracks, camera: Camera, options: InitialisationOptions) -> ColmapResult:
-    """Run COLMAP with fixed intrinsics and seeds on one thread: the same tracks give the same answer.
+    """Run COLMAP with fixed intrinsics and seeds on one thread: the result is deterministic.
 
     Raises BackendError when the tracks are too sparse, when there is no model, or when its cameras are no orbit.
     """
@@ -113,7 +113,7 @@ def run_colmap(tracks: Tracks, camera: Camera, options: InitialisationOptions) -
 
 
 def _write_database(path: Path, views: Views, camera: Camera) -> None:
-    """Write keypoints and verified pairs. Pairs reach as far as tracks do; RANSAC takes out gross outliers."""
+    """Write keypoints and verified pairs. Pairs are up to 5 views apart; RANSAC removes gross outliers."""
     pycolmap.set_random_seed(_SEED)
     intrinsics = [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]
     model = pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=intrinsics, camera_id=1)
@@ -122,7 +122,7 @@ def _write_database(path: Path, views: Views, camera: Camera) -> None:
     two_view.min_num_inliers = _MIN_SHARED
     two_view.ransac.random_seed = _SEED
     two_view.ransac.max_error = 3.0
-    two_view.ransac.min_num_trials = 30  # most tracks are good; where they are not, RANSAC goes on by itself
+    two_view.ransac.min_num_trials = 30  # most tracks are inliers; otherwise RANSAC continues by itself
     two_view.detect_watermark = False
     with pycolmap.Database.open(str(path)) as database:
         database.write_camera(model, use_camera_id=True)
@@ -135,7 +135,7 @@ def _write_database(path: Path, views: Views, camera: Camera) -> None:
             frame = pycolmap.Frame(frame_id=k + 1, rig_id=1)
             frame.add_data_id(image.data_id)
             database.write_frame(frame, use_frame_id=True)
-            # COLMAP counts pixel corners, we count pixel centres.
+            # In COLMAP the centre of the first pixel is (0.5, 0.5), here (0, 0).
             database.write_keypoints(k + 1, np.ascontiguousarray(uv + 0.5, np.float32))
         for a, b, matches in _pairs(views):
             geometry = pycolmap.estimate_calibrated_two_view_geometry(
@@ -146,7 +146,7 @@ def _write_database(path: Path, views: Views, camera: Camera) -> None:
 
 
 def _pairs(views: Views) -> list[tuple[int, int, NDArray[np.uint32]]]:
-    """List pairs of views with the indices of the tracks that they share."""
+    """Pairs of views with the indices of their common tracks."""
     found = []
     for a in range(len(views.track)):
         for b in range(a + 1, min(a + 1 + _WIDEST_PAIR, len(views.track))):
@@ -166,7 +166,7 @@ def _mapping_options() -> pycolmap.IncrementalPipelineOptions:
     o.triangulation.random_seed = _SEED
     o.multiple_models = False
     o.extract_colors = False
-    o.ba_global_frames_ratio = o.ba_global_points_ratio = 1.4  # the factor graph refines what COLMAP leaves
+    o.ba_global_frames_ratio = o.ba_global_points_ratio = 1.4  # the factor graph refines the result
     o.ba_global_max_refinements = 2
     o.ba_refine_focal_length = False
     o.ba_refine_principal_point = False

@@ -1,1 +1,1 @@
-"""Landmarks: which tracks are of the same point of the object."""
+"""Landmarks: association of tracks with points of the object."""

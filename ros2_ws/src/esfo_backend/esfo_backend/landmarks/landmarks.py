@@ -1,4 +1,4 @@
-"""From one point per track to the points of the object: re-identification, then pruning of what is no fixed point."""
+"""Landmarks from tracks: re-identification, then pruning of tracks that are not of a fixed point."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PRUNING_ROUNDS = 2
 
 @dataclass(frozen=True)
 class Landmarks:
-    """One point per label: the observations of each, the solution, and the point (M,) of each track, -1 for none."""
+    """Observations by landmark, the solution, and the landmark (M,) of each track, -1 for none."""
 
     obs: Observations
     solution: OrbitSolution
@@ -28,9 +28,9 @@ class Landmarks:
 
 
 def build_landmarks(solution: OrbitSolution, obs: Observations, options: BackendOptions) -> Landmarks:
-    """Re-identify with the rate held, then free, then tighten the loss: the order that was measured best.
+    """Re-identify with the rate fixed, then free, then adjust with a tighter loss: the best order in benchmarks.
 
-    obs: one point per track (M).
+    obs: one landmark per track (M).
     """
     loose, tight = options.initialisation.cauchy_px, options.graph.cauchy_px
     label = np.arange(obs.points)
@@ -45,9 +45,9 @@ def build_landmarks(solution: OrbitSolution, obs: Observations, options: Backend
 
 
 def prune(landmarks: Landmarks, options: BackendOptions) -> Landmarks:
-    """Drop what is no fixed point of the object (silhouettes, false tracks), refit, and look once more.
+    """Drop landmarks that are not fixed points (silhouettes, false tracks) and refit; done twice.
 
-    Raises BackendError when too few points are left.
+    Raises BackendError when too few landmarks are left.
     """
     limit_px, needed = options.graph.prune_px, options.verdict.min_points
     for _ in range(_PRUNING_ROUNDS):
@@ -56,7 +56,7 @@ def prune(landmarks: Landmarks, options: BackendOptions) -> Landmarks:
         keep = (point_rms(errors, landmarks.obs) < limit_px) & _near(y)
         if keep.sum() < needed:
             raise BackendError(
-                f"only {int(keep.sum())} of {len(keep)} points follow one rotation to {limit_px} px; "
+                f"only {int(keep.sum())} of {len(keep)} landmarks follow one rotation to {limit_px} px; "
                 f"{needed} are needed",
                 "too_few_points",
             )
@@ -67,13 +67,13 @@ def prune(landmarks: Landmarks, options: BackendOptions) -> Landmarks:
 
 
 def drop_far(landmarks: Landmarks) -> Landmarks:
-    """Drop points that an optimum has put beyond the camera: tracks without parallax, whose depth runs away."""
+    """Drop landmarks farther from the object's centre than the camera: tracks without parallax, of diverging depth."""
     keep = _near(landmarks.solution.y)
     return landmarks if keep.all() else _keep(landmarks, keep)
 
 
 def _near(y: Matrix) -> NDArray[np.bool_]:
-    """Which of y (P, 3) can be points of the object, because they are nearer to its middle than the camera is."""
+    """Which of y (P, 3) are nearer to the object's centre than the camera is, (P,)."""
     middle = np.array([0.0, 0.0, np.median(y[:, 2])])
     return np.asarray(np.linalg.norm(y - middle, axis=1) < np.hypot(1.0, middle[2]))
 
@@ -86,14 +86,14 @@ def _keep(landmarks: Landmarks, keep: NDArray[np.bool_]) -> Landmarks:
 
 
 def reobservable_points(obs: Observations, rate_hz: float) -> int:
-    """Number of points that were seen a turn or more before the end, or after the beginning, of the observations."""
+    """Number of landmarks observed one revolution or more before the end, or after the beginning, of the data."""
     dt, first = obs.rows.dt, obs.rows.first
     again = (dt[first[:-1]] <= dt.max() - 1 / rate_hz) | (dt[first[1:] - 1] >= dt.min() + 1 / rate_hz)
     return int(again.sum())
 
 
 def reobserved_points(obs: Observations, rate_hz: float) -> int:
-    """Number of points that were seen again: after half a turn or more without being seen, or over a whole turn."""
+    """Number of landmarks observed again after half a revolution or more, or over a whole revolution."""
     dt, first = obs.rows.dt, obs.rows.first
     hidden = np.zeros(obs.points, bool)
     np.logical_or.at(hidden, obs.point_index()[1:], (np.diff(dt) >= 0.5 / rate_hz) & (np.diff(obs.point_index()) == 0))

@@ -1,7 +1,7 @@
-"""Re-identification: a point that comes round again gets a new track, and is still the same point.
+"""Re-identification: merges tracks that observe the same landmark in different revolutions.
 
-Tracks last a fraction of a turn, so that alone the rate trades against depth. Two tracks that do not overlap in time,
-whose points agree within their uncertainty in the object frame, and that one point explains as well as two, are merged.
+A track lasts a fraction of a revolution, in which rate and depth are correlated. Two tracks are merged when they do not
+overlap in time, their landmarks agree within their covariance in the object frame, and one landmark explains both.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ Labels = NDArray[np.int64]
 
 _MEDIAN_OF_CHI2_2 = 1.386
 ROUND_ITERATIONS = 12
-"""Of an adjustment between two rounds, which only has to be good to a fraction of the points' deviations."""
+"""Iterations of a bundle adjustment between two rounds, enough for a fraction of the standard deviations."""
 
 
 def noise_px(errors: Vector) -> float:
-    """Standard deviation of one coordinate, from the median of 2-D errors (N,), which outliers do not move."""
+    """Standard deviation of one coordinate, from the median of 2-D errors (N,), robust to outliers."""
     return float(np.sqrt(np.median(errors**2) / _MEDIAN_OF_CHI2_2))
 
 
 def point_rms(errors: Vector, obs: Observations) -> Vector:
-    """RMS over rows of the reprojection error of each point, (P,) px."""
+    """RMS reprojection error of each landmark, (P,) px."""
     return np.asarray(np.sqrt(np.add.reduceat(errors**2, obs.rows.first[:-1]) / np.diff(obs.rows.first)))
 
 
 def merge_round(
     solution: OrbitSolution, obs: Observations, label: Labels, options: ReidentificationOptions, cauchy_px: float
 ) -> Labels:
-    """Merge points pairwise, each at most once; return the new label of each track, (M,), consecutive from 0.
+    """Merge landmarks pairwise, each at most once; return the new label of each track, (M,), consecutive from 0.
 
-    obs: one point per track, (M tracks). label: (M,) current point of each track; solution: of `obs.regroup(label)`.
-    A merged point that one position does not explain to `rms_px`, for each of its tracks, is split again.
+    obs: one landmark per track, (M tracks). label: (M,) current landmark of each track; solution: of
+    `obs.regroup(label)`. A merged landmark is split again when the error of one of its tracks exceeds `rms_px`.
     """
     grouped = obs.regroup(label)
     pairs = _candidate_pairs(solution, grouped, options, cauchy_px)
@@ -57,7 +57,7 @@ def merge_round(
     merged = _consecutive(partner[label])
     bad = _misfit(solution.motion, obs, merged, options.rms_px)
     split = np.isin(merged, np.flatnonzero(bad))
-    # Labels of split points return to what they were, above all labels of the points that stay merged.
+    # Split landmarks get their former labels back, offset above the labels of the merged ones.
     return _consecutive(np.where(split, merged.max() + 1 + label, merged))
 
 
@@ -68,11 +68,11 @@ def _consecutive(label: Labels) -> Labels:
 def _candidate_pairs(
     solution: OrbitSolution, grouped: Observations, options: ReidentificationOptions, cauchy_px: float
 ) -> NDArray[np.int64]:
-    """Pairs (K, 2) of points that agree within their covariance, nearest first."""
+    """Pairs (K, 2) of landmarks that agree within their covariance, nearest first."""
     y = solution.y
     errors = np.asarray(row_errors(solution.motion.Q, solution.motion.rate_hz, y, grouped.rows))
-    sane = (point_rms(errors, grouped) < options.rms_px) & np.isfinite(y).all(axis=1)
-    index = np.flatnonzero(sane)
+    consistent = (point_rms(errors, grouped) < options.rms_px) & np.isfinite(y).all(axis=1)
+    index = np.flatnonzero(consistent)
     if len(index) < 2:
         return np.empty((0, 2), np.int64)
     H = normal_equations(solution.motion.Q, solution.motion.rate_hz, y, grouped.rows, cauchy_px, 1).pp[index]
@@ -90,7 +90,7 @@ def _candidate_pairs(
 
 
 def _without_overlap(pairs: NDArray[np.int64], obs: Observations, label: Labels) -> NDArray[np.int64]:
-    """Drop pairs that were seen at the same time in two places: those are two points."""
+    """Drop pairs of landmarks that were observed at the same time: they are distinct."""
     begin, end = obs.rows.dt[obs.rows.first[:-1]], obs.rows.dt[obs.rows.first[1:] - 1]
     members = [np.flatnonzero(label == j) for j in range(int(label.max(initial=-1)) + 1)]
     keep = [
@@ -103,7 +103,7 @@ def _without_overlap(pairs: NDArray[np.int64], obs: Observations, label: Labels)
 
 
 def _misfit(motion: Motion, obs: Observations, merged: Labels, limit_px: float) -> NDArray[np.bool_]:
-    """Which merged points (P,) leave one of their tracks with more than `limit_px` RMS."""
+    """Which merged landmarks (P,) have a track with an RMS error above `limit_px`."""
     grouped = obs.regroup(merged)
     y = linear_points(motion, grouped)
     errors = np.asarray(row_errors(motion.Q, motion.rate_hz, y[merged], obs.rows))
@@ -121,7 +121,7 @@ def reidentify(
     cauchy_px: float,
     free_rate: bool,
 ) -> tuple[OrbitSolution, Labels]:
-    """Merge and refit until nothing merges, at most `options.rounds` times."""
+    """Merge and refit until no pair is merged, at most `options.rounds` times."""
     for _ in range(options.rounds):
         merged = merge_round(solution, obs, label, options, cauchy_px)
         if merged.max() == label.max():

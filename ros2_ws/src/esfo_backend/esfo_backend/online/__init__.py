@@ -1,1 +1,1 @@
-"""Estimates from a growing stream, in bounded work and memory."""
+"""Estimates from a growing stream, with bounded time per estimate and bounded memory."""

@@ -1,8 +1,7 @@
-"""Incremental estimates: the last estimate is updated with the new rows, in bounded work whatever came before.
+"""Incremental estimates: the last estimate is updated with new observations, in bounded time.
 
-After a search the motion is known well enough to associate a new track with its landmark at once. The tracks that take
-part are a bounded set: those of landmarks that were observed again, from all times, and of the others the latest and
-longest.
+After a search the motion is accurate enough to associate a new track with its landmark directly. The working set of
+tracks is bounded: tracks of landmarks that were observed again, from all times, and the latest and longest others.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ class IncrementalSolver:
     """Working set of tracks, the motion, and the landmark of each track.
 
     motion: None before `begin`. ids, label: (K,) tracks whose landmark is known, ascending, and their landmarks. lost:
-    ids of tracks of no landmark. tracks: the working set.
+    ids of tracks without a landmark. tracks: the working set.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions) -> None:
@@ -46,22 +45,22 @@ class IncrementalSolver:
         self._camera, self._options = camera, options
 
     def begin(self, tracks: Tracks, motion: Motion, ids: Ids, label: Labels) -> None:
-        """Start from what a search found: tracks, the motion, and the point of each track id, -1 for none."""
+        """Initialise from a search: tracks, the motion, and the landmark of each track id, -1 for none."""
         self.tracks, self.lost = tracks, ids[label < 0]
         self._remember(motion, ids, label)
         self.tracks = self._chosen(tracks)
 
     @property
     def reobserved(self) -> Ids:
-        """Ids of the tracks whose point has more than one."""
+        """Ids of the tracks whose landmark has more than one track."""
         if not len(self.label):
             return self.ids
         return self.ids[np.bincount(self.label)[self.label] > 1]
 
     def update(self, new_rows: Tracks) -> tuple[Landmarks, GraphOptimum]:
-        """Take in new rows and go on from the last estimate.
+        """Add new observations and update the last estimate.
 
-        Raises BackendError when the tracks do not follow the motion any more: a search has to begin anew.
+        Raises BackendError when the tracks no longer follow the motion: a new search is needed.
         """
         if self.motion is None:
             raise BackendError("no search has found a motion yet")
@@ -90,27 +89,27 @@ class IncrementalSolver:
         self.motion, self.ids, self.label = motion, ids[label >= 0][order], label[label >= 0][order]
 
     def _label_of(self, ids: Ids) -> Labels:
-        """Point of each track: the known one, or one of its own; consecutive."""
+        """Landmark of each track, (M,), consecutive: the known one, or a new one."""
         label = np.arange(len(ids)) + self.label.max(initial=-1) + 1
         known = np.isin(ids, self.ids)
         label[known] = self.label[np.searchsorted(self.ids, ids[known])]
         return np.asarray(np.unique(label, return_inverse=True)[1].astype(np.int64))
 
     def _chosen(self, tracks: Tracks) -> Tracks:
-        """The tracks that take part: at most `live.max_tracks`, of 32 rows each."""
+        """The working set: at most `live.max_tracks` tracks of at most 32 observations."""
         table, limit = TrackTable.of(tracks), self._options.live.max_tracks
         begin, rows = table.begin, table.rows
         again = np.flatnonzero(np.isin(table.ids, self.reobserved))
         kept = again[spread(begin[again], rows[again], np.zeros(len(again), np.int64), int(_SHARE_REOBSERVED * limit))]
         others = np.flatnonzero(~np.isin(table.ids, np.concatenate([table.ids[again], self.lost])))
-        # The latest half of the rest first: what is new has to be met, or nothing would be observed again.
+        # The latest of the others come first: new tracks are needed to observe landmarks again.
         latest = np.argsort(np.argsort(-begin[others], kind="stable")) * 2 // max(limit, 1)
         kept = np.concatenate([kept, others[spread(begin[others], rows[others], latest, limit - len(kept))]])
         return thinned(table.rows_of(tracks, kept), _ROWS_PER_TRACK)
 
 
 def thinned(tracks: Tracks, limit: int) -> Tracks:
-    """At most `limit` rows of each track, evenly spread, the first and the last among them; sorted."""
+    """At most `limit` rows of each track, evenly spaced, including the first and the last; sorted."""
     ordered = tracks.sorted()
     _, first, count = np.unique(ordered.track_id, return_index=True, return_counts=True)
     place, last = np.arange(len(ordered)) - np.repeat(first, count), np.repeat(np.maximum(count - 1, 1), count)

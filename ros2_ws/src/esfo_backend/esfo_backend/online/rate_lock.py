@@ -16,17 +16,17 @@ _CERTAIN_REVOLUTIONS = 4.0
 """Revolutions after which the period is final: it is not searched again."""
 
 _MORE = 1.25
-"""Growth of the stream after which a search is repeated that left a doubt about the axis."""
+"""Growth of the stream after which a search with an uncertain axis is repeated."""
 
 _BINS_PER_REVOLUTION = 128
-"""Bins of activity per revolution that are enough to tell periods apart."""
+"""Bins of activity per revolution that suffice to distinguish periods."""
 
 
 @dataclass(frozen=True)
 class RateLock:
     """Rate and initialisation of the last search.
 
-    revolutions: seen when the rate was last confirmed. certain: the search left no doubt about the axis.
+    revolutions: number observed when the rate was last confirmed. certain: whether the axis is certain.
     """
 
     rate: SpinRate
@@ -35,17 +35,19 @@ class RateLock:
     certain: bool
 
     def doubtful(self, revolutions: float) -> bool:
-        """Whether to search again, after so many revolutions."""
+        """Whether to repeat the search after this number of revolutions, because the axis is uncertain."""
         return not self.certain and revolutions > _MORE * self.revolutions
 
     def unconfirmed(self, revolutions: float) -> bool:
-        """Whether to search the period again: it may have been taken for the true one too early."""
+        """Whether to search the period again: it was found from few revolutions."""
         return 2 * self.revolutions <= min(revolutions, 2 * _CERTAIN_REVOLUTIONS)
 
     def confirmed(self, activity: Activity, revolutions: float, options: SpinRateOptions) -> RateLock:
-        """Search the period again, after so many revolutions. Raises BackendError when the stream has another one."""
+        """Search the period again, after this number of revolutions. Raises BackendError when it differs."""
         per_revolution = NS_PER_S / (self.rate.rate_hz * activity.bin)
         rate = correlation_rate(coarser(activity, max(1, int(per_revolution / _BINS_PER_REVOLUTION))), options)
         if not rate.agrees_with(self.rate.rate_hz):
-            raise BackendError(f"the event stream repeats at {rate.rate_hz:.4f} Hz, not at {self.rate.rate_hz:.4f} Hz")
+            raise BackendError(
+                f"the spin rate of the event stream is {rate.rate_hz:.4f} Hz, no longer {self.rate.rate_hz:.4f} Hz"
+            )
         return replace(self, rate=rate, revolutions=revolutions)

@@ -1,7 +1,7 @@
-"""What the back-end remembers of a stream, in bounded memory however long it runs.
+"""Activity and tracks of a stream, in bounded memory.
 
-Activity: the latest bins where many turns are known, for the period needs no more; coarser bins of all the time where
-turns are slow. Tracks: the longest of every part of the time, those of points that came round again first.
+Activity: the latest bins when they cover enough revolutions for the period, otherwise coarser bins of the whole time.
+Tracks: the longest of each time interval, those of landmarks that were observed again first.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from esfo_core.events import NS_PER_S
 from esfo_core.tracks import Tracks, TrackUpdate
 
 LONGEST_GAP_NS = 60_000_000_000
-"""A pause in the events after which the earlier ones are left out: nobody knows what the object did meanwhile."""
+"""Pause in the events after which the earlier ones are left out: the motion during the pause is unknown."""
 
 _KEPT = 0.75
-"""Share that is left when something is full, so that it is not full again at once."""
+"""Share that is kept when a limit is exceeded, so that the limit is not exceeded again at once."""
 
 
 @dataclass(frozen=True)
 class StreamSnapshot:
-    """What an estimate is made from.
+    """Data of an estimate.
 
-    activity: of the latest time, maybe in coarser bins than received. begin: time of the first event, ns, which may be
-    earlier. after_gap: a long pause came before, and what was before it is left out.
+    activity: of the latest time, possibly in coarser bins than received. begin: time of the first event, ns, which may
+    be earlier. after_gap: whether data before a long pause were left out.
     """
 
     tracks: Tracks
@@ -41,8 +41,8 @@ class StreamSnapshot:
 class StreamMemory:
     """Tracks and activity since the start of the stream or the last long pause.
 
-    rate_hz: the latest estimate, None while unknown. reobserved: ids of tracks of points that came round again. Both
-    only guide what is forgotten. begin: time of the first event, ns. after_gap: a long pause came before it.
+    rate_hz: the latest estimate, None while unknown. reobserved: ids of tracks of landmarks that were observed again.
+    Both only decide what is dropped. begin: time of the first event, ns. after_gap: whether a long pause precedes it.
     coarse: activity of the past, in bins of `factor` bins of the stream. Not safe for use from several threads.
     """
 
@@ -60,7 +60,7 @@ class StreamMemory:
         self._error: ActivityError | None = None
 
     def limit(self, options: MemoryOptions) -> None:
-        """Keep to other bounds from the next `add` on."""
+        """Use other limits from the next `add` on."""
         self._options = options
 
     @property
@@ -81,7 +81,7 @@ class StreamMemory:
         return None if self.coarse is None else self.coarse.end
 
     def add(self, update: TrackUpdate, activity: Activity | None) -> None:
-        """Take in what the front-end learnt, and forget what there is no room for."""
+        """Add tracks and activity, and drop data beyond the limits."""
         if len(update.observations):
             self._tracks.append(update.observations)
             self._rows += len(update.observations)
@@ -92,19 +92,19 @@ class StreamMemory:
         if self._bins > self._options.max_bins:
             try:
                 self._forget_activity()
-            except ActivityError as error:  # told by `snapshot`, where an estimate can say why there is none
+            except ActivityError as error:  # raised by `snapshot`, so that the estimate has it as its reason
                 self._error, self._recent = error, []
                 self._count_bins()
         if self._rows > self._options.max_observations:
             self._forget_tracks()
 
     def restore(self, begin: int | None, after_gap: bool, coarse: Activity | None, factor: int) -> None:
-        """Take over what an earlier history held; its recent activity and its tracks are added as usual."""
+        """Restore a saved memory; its recent activity and its tracks are added by `add`."""
         self.begin, self.after_gap, self.coarse, self.factor = begin, after_gap, coarse, factor
         self._count_bins()
 
     def recent(self) -> Activity | None:
-        """Return the activity that is not in `coarse` yet. Raises ActivityError when its pieces do not fit."""
+        """Return the activity that is not in `coarse` yet. Raises ActivityError when its pieces are incompatible."""
         return Activity.concatenate(self._recent) if self._recent else None
 
     def tracks(self) -> Tracks:
@@ -149,7 +149,7 @@ class StreamMemory:
         return Activity.concatenate([self.coarse, coarser(Activity.concatenate(pieces), self.factor)])
 
     def _forget_activity(self) -> None:
-        """Keep the latest bins where the rate is known from enough turns, otherwise all the time in coarser bins."""
+        """Keep the latest bins if they cover enough revolutions at a known rate, otherwise make all bins coarser."""
         self._drop_before_gap()
         kept, recent, limit = self._whole(), self.recent(), round(_KEPT * self._options.max_bins)
         if kept is None or recent is None or self._bins <= self._options.max_bins:

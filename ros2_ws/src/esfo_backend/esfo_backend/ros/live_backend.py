@@ -1,4 +1,4 @@
-"""The back-end on live topics: waits for the camera, and begins anew when time goes back."""
+"""The back-end on live topics: it waits for the camera and restarts when time goes back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MAX_WAITING = 20_000
 
 @dataclass(frozen=True)
 class BackendNodeOptions:
-    """What the node itself needs."""
+    """Options of the node."""
 
     object_frame: str = option("object", "frame_id of the object")
     idle_solve_s: float = option(
@@ -42,7 +42,7 @@ class BackendNodeOptions:
 
 
 class LiveBackend:
-    """Feeds a back-end with what the topics bring, in the order in which it comes.
+    """Passes received messages to a back-end, in their order.
 
     observations, activity_bins: received since the start. dropped: messages dropped while the camera was unknown.
     restarts: how often time went back.
@@ -58,24 +58,24 @@ class LiveBackend:
         self._latest: OrbitEstimate | None = None
 
     def configure(self, options: BackendOptions) -> None:
-        """Go on with other options and all that was received; the next estimate begins with a search."""
+        """Use other options and keep the received data; the next estimate is a search."""
         self._options = options
         if self._backend is not None:
             self._backend = self._backend.with_options(options)
 
     def reset(self) -> None:
-        """Forget everything but the camera."""
+        """Drop everything but the camera."""
         self._waiting.clear()
         self._activity_end = self._latest = None
         self._backend = None if self.camera is None else Backend(self.camera, self._options)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state. Raises StateError for a file that is none, or of another version."""
+        """Continue from a saved state. Raises StateError for another file or another version."""
         self._backend = Backend.load(path, self._options)
         self.camera = self._backend.camera
 
     def save(self, folder: Path) -> None:
-        """Write the latest estimate, its tracks and the state to go on from into `folder`, which is made.
+        """Write the latest estimate, its tracks and the state into `folder`, which is created.
 
         Raises EsfoError when there is no estimate yet or the files cannot be written.
         """
@@ -85,7 +85,7 @@ class LiveBackend:
         self._backend.save(folder / "state.npz")
 
     def set_camera(self, camera: Camera) -> None:
-        """Begin anew with this camera, unless it is the same as before; what waited for a camera is taken in."""
+        """Restart with this camera, unless it is unchanged; add the data received before it."""
         if self.camera is not None and _same(self.camera, camera):
             return
         self.camera, self._backend = camera, Backend(camera, self._options)
@@ -93,12 +93,12 @@ class LiveBackend:
             self._backend.add(*self._waiting.popleft())
 
     def add_tracks(self, update: TrackUpdate) -> None:
-        """Take in tracks."""
+        """Add tracks."""
         self.observations += len(update.observations)
         self._add(update, None)
 
     def add_activity(self, activity: Activity) -> None:
-        """Take in activity. Raises CameraError when its grid is that of another sensor than the camera's."""
+        """Add activity. Raises CameraError when its grid does not fit the size of the camera."""
         if activity.bin in PYRAMID_BINS:
             self.activity_bins += len(activity.counts)
             self._add(_NO_TRACKS, None, (activity,))
@@ -112,7 +112,7 @@ class LiveBackend:
         self._add(_NO_TRACKS, activity)
 
     def due(self) -> bool:
-        """Return whether there is enough news for another estimate."""
+        """Return whether there are enough new data for another estimate."""
         return self._backend is not None and self._backend.due()
 
     def solve(self, thorough: bool = True) -> OrbitEstimate:
@@ -146,7 +146,7 @@ class LiveBackend:
 
 
 def verdict_values(estimate: OrbitEstimate | None) -> dict[str, object]:
-    """Return what diagnostics show of the latest estimate."""
+    """Return the diagnostic values of the latest estimate."""
     if estimate is None:
         return {"status": "no estimate yet"}
     return {

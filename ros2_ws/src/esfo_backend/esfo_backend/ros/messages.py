@@ -1,7 +1,7 @@
 """ROS messages of the back-end, to and from its plain types.
 
-The points leave in the object frame, whose z axis is the spin axis; `OrbitEstimate` keeps them aligned with the camera
-at t0. Both meet in `transform_message`: it turns the published points into the camera frame at any time.
+Points are published in the object frame, whose z axis is the spin axis; those of `OrbitEstimate` are aligned with the
+camera at t0. `transform_message` transforms the published points to the camera frame at any time.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def _rate(rate_hz: float, std_hz: float) -> RateEstimate | None:
 
 
 def estimate_messages(estimate: OrbitEstimate, header: Header, object_frame_id: str) -> Iterator[tuple[str, Any]]:
-    """Return the messages that an estimate makes, each after its topic; `orbit` is the last and announces the others.
+    """Return topic and message of each part of an estimate; `orbit` is the last, after the others are complete.
 
     The header has the host time of t_last and names the camera frame.
     """
@@ -70,7 +70,7 @@ def estimate_messages(estimate: OrbitEstimate, header: Header, object_frame_id: 
 
 
 def orbit_message(estimate: OrbitEstimate, header: Header) -> msg.OrbitEstimate:
-    """Return everything of an estimate but its points; the header has the host time of t_last, in the camera frame."""
+    """Return all of an estimate except its points; the header has the host time of t_last, in the camera frame."""
     message = msg.OrbitEstimate(
         header=header,
         status=_STATUS[estimate.status],
@@ -113,7 +113,7 @@ def _fill_motion(message: msg.OrbitEstimate, spin: Spin, t: int) -> None:
     try:
         orbit = spin.paper_orbit()
     except OrbitError:
-        return  # the axis passes through the camera: radius 0 says that there is no orbit
+        return  # the axis passes through the camera: radius 0 means no orbit
     message.radius, message.n, message.u, message.c = orbit.radius, orbit.normal, orbit.u, orbit.c
     q = quaternion(orbit.R0)
     message.r0 = np.array([q.x, q.y, q.z, q.w])
@@ -169,7 +169,7 @@ def estimate_from(message: msg.OrbitEstimate, points: PointCloud2 | None) -> Orb
 def twist_message(estimate: OrbitEstimate, spin: Spin, header: Header) -> TwistWithCovarianceStamped:
     """Return the angular velocity in rad/s with its covariance, in the camera frame.
 
-    The linear part is zero: it is the velocity of the object frame's origin, which rests on the axis.
+    The linear part is zero: the object frame's origin is on the axis and does not move.
     """
     w = 2 * math.pi * spin.rate_hz
     tangent = tangent_basis(spin.axis)

@@ -1,7 +1,7 @@
 """ROS node of the back-end: feature tracks and event activity in, spin rate, orbit, points and pose out.
 
 Times in the messages are sensor times; header stamps are ROS times. The latest activity message gives the difference
-of the two, by which the pose in /tf is turned on with ROS time between estimates.
+of the two, by which the pose in /tf is extrapolated with ROS time between estimates.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
         return worker
 
     def activate(self) -> None:
-        """Take in tracks and activity; compile while the first arrive, so that the first estimate need not wait."""
+        """Subscribe; compile while the first messages arrive, so that the first estimate does not wait."""
         self.subscribe_latched_or_not(CAMERA_INFO, self._on_camera)
         self.subscribe(TRACKS, self._on_tracks)
         self.subscribe(ACTIVITY, self._on_activity)
@@ -112,22 +112,22 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
             self.worker.request(_compile, after_quiet=False)
         self._turning = self.tick(TF_PERIOD_S, self._turn, self.get_clock())
         if self._spin is None:
-            self._turning.cancel()  # until there is something that turns
+            self._turning.cancel()  # until there is a motion
         self.get_logger().info("ready")
 
     def clean_up(self) -> None:
-        """Forget everything."""
+        """Drop all data."""
         self._back_end = LiveBackend(self.options)
         self._spin = self._estimate = None
 
     def reconfigure(self) -> None:
-        """Solve with other options from now on."""
+        """Use other options from the next estimate on."""
         self._back_end.configure(self.options)
         if self.worker is not None:
             self.worker.when_idle(self.live.idle_solve_s, self._solve)
 
     def jobs(self) -> dict[str, Callable[[], str]]:
-        """Return what the services do."""
+        """Return the function of each service."""
         return {"~/solve": self._solve, "~/reset": self._reset, "~/save": self._save}
 
     def _on_camera(self, message: CameraInfo) -> None:
@@ -151,8 +151,8 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
         restarts = self._back_end.restarts
         self._back_end.add_activity(activity)
         if self._back_end.restarts > restarts:
-            self.get_logger().warning("time went back: beginning anew")
-            self._spin = None  # the motion of the earlier stream says nothing about the phase in this one
+            self.get_logger().warning("time went back: restarting with an empty stream")
+            self._spin = None  # the phase of the earlier stream is not valid in this one
         self._wake()
 
     def _wake(self) -> None:
@@ -179,7 +179,7 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
 
     def _reset(self) -> str:
         self._back_end.reset()
-        self._publish(OrbitEstimate.failure("reset"))  # who comes later must not get what no longer holds
+        self._publish(OrbitEstimate.failure("reset"))  # late subscribers must not get the earlier estimate
         return "everything but the camera is forgotten"
 
     def _save(self) -> str:
@@ -209,7 +209,7 @@ class BackendNode(ManagedNode[BackendOptions, BackendNodeOptions]):
             self.publish(TF.name, transform)
 
     def problems(self) -> dict[str, str]:
-        """Say what is missing: a camera, events, or a clock that fits them."""
+        """Return problems with the camera or the clock, by name."""
         apart = (self.get_clock().now().nanoseconds - self._stamp) / 1e9
         found = {}
         if self._complaint:

@@ -6,24 +6,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import rfft
+from scipy.ndimage import median_filter
 
-from esfo_backend.spin_rate.level_features import Features, correlate
-from esfo_backend.spin_rate.period_refinement import fold, refine
-from esfo_backend.spin_rate.period_search import candidates
+from esfo_backend.spin_rate.level_features import Features
+from esfo_backend.spin_rate.period_refinement import fold
 from esfo_core.events import NS_PER_S
 
 _COMMON = 0.7
 """Share of the periodic activity that all cells have in common from which it is light."""
 _CELLS = 6.0
 """Cells that must take part: few of them may change at once because a small thing turns."""
-_REPEATS = 0.5
-"""Least correlation, and height, of the sum of all cells."""
+_LEAST_BINS, _PER_PERIOD = 128, 8
+"""Bins of a level, and of a period, from which its spectrum is looked at."""
+_LINE, _NEIGHBOURS = 20.0, 41
+"""Power of a line over the median of so many frequencies about it."""
 _MOST_PER_BIN = 2.0
 """Periods of the light in a bin from which they have averaged out."""
-_HARMONICS, _BLOCK = 4, 300.0
+_HARMONICS, _BLOCK = 4, 30.0
 """Harmonics of the light that are taken out, and its periods over which they are taken for constant."""
-_POWER_STEPS = 10
-"""Of the power method, for the direction in which all cells change most: light is far stronger than the next one."""
+_SIDEBANDS = 0.05
+"""Relative distance from a light, or a multiple of it, within which what moves in it repeats by chance."""
 _FEWEST = 8.0
 """Periods that must be seen: over few of them anything moves in common."""
 _MAINS_HZ = (50.0, 60.0)
@@ -52,19 +55,43 @@ class Flicker:
 
 
 def find_flicker(features: Sequence[Features]) -> Flicker | None:
-    """Look for light in the sums of all cells, in which it is seen best; None: there is none."""
-    sums = [_summed(level) for level in features]
-    for c in candidates([correlate(level) for level in sums], sums):
-        if c.true_r >= _REPEATS and c.height >= _REPEATS * c.r / c.true_r:
-            found = flicker_of(features[c.level], c.lag)
-            refined = refine(sums[c.level], c.lag)
-            if found is not None and refined is not None:
-                return Flicker(NS_PER_S / features[c.level].bin / refined.lag, found.common)
-    return None
+    """Look for a line in the spectra that all cells have in the same phase, or the opposite; None: there is none.
+
+    Cells that something passes have it at one time after another, in phases of all kinds.
+    """
+    best: tuple[float, Flicker] | None = None
+    for level in features:
+        found = _line(level)
+        if found is not None and (best is None or found[0] > best[0]):
+            best = found
+    return None if best is None else best[1]
+
+
+def _line(level: Features) -> tuple[float, Flicker] | None:
+    """The strongest such line of a level, after how far it stands out from the spectrum about it."""
+    n, columns = level.rows.shape
+    if n < _LEAST_BINS or columns < _CELLS:
+        return None
+    spectrum = rfft(level.rows * np.hanning(n).astype(np.float32)[:, None], axis=0)
+    spectrum = spectrum[: n // _PER_PERIOD]
+    power = np.abs(spectrum.astype(np.complex128)) ** 2
+    total = power.sum(axis=1)
+    aligned = np.abs((spectrum.astype(np.complex128) ** 2).sum(axis=1)) / np.maximum(total, 1e-30)
+    cells = total**2 / np.maximum((power**2).sum(axis=1), 1e-30)
+    stands_out = total / np.maximum(median_filter(total, _NEIGHBOURS, mode="nearest"), 1e-30)
+    light = (aligned > _COMMON) & (cells > _CELLS) & (stands_out > _LINE)
+    light[: int(_FEWEST)] = light[-1:] = False
+    if not light.any():
+        return None
+    at = int(np.argmax(np.where(light, total, 0.0)))
+    left, middle, right = np.log(np.maximum(total[at - 1 : at + 2], 1e-30))
+    curve = left - 2 * middle + right
+    between = float(np.clip(0.5 * (left - right) / curve, -0.5, 0.5)) if curve < 0 else 0.0
+    return float(stands_out[at]), Flicker((at + between) / n * NS_PER_S / level.bin, float(aligned[at]))
 
 
 def without(features: Features, flicker: Flicker) -> Features:
-    """Features without what repeats with the light, fitted anew every few hundred of its periods: mains drift."""
+    """Features without what repeats with the light, fitted anew every 30 of its periods: what it lights moves."""
     per_bin = flicker.rate_hz * features.bin / NS_PER_S
     if per_bin > _MOST_PER_BIN or len(features.rows) * per_bin < _FEWEST:
         return features
@@ -85,25 +112,16 @@ def without(features: Features, flicker: Flicker) -> Features:
     return Features(features.t0, features.bin, cleaned, features.valid, features.events, signal)
 
 
-def _summed(level: Features) -> Features:
-    """The mean of all cells along the direction in which they change together."""
-    if not level.rows.shape[1]:
-        return level
-    direction = np.ones((level.rows.shape[1], 1), np.float32)
-    for _ in range(_POWER_STEPS):
-        direction = level.rows.T @ (level.rows @ direction)
-        direction /= max(float(np.linalg.norm(direction)), 1e-30)
-    return Features(level.t0, level.bin, level.rows @ direction, level.valid, level.events, 1.0)
-
-
-def flicker_of(features: Features, lag: float) -> Flicker | None:
-    """Whether what repeats after `lag` bins is light; None: it is not, or was seen too few times to tell."""
+def is_light(features: Features, lag: float, flicker: Flicker | None) -> bool:
+    """Whether what repeats after `lag` bins is light: all cells change at once, or about as fast as a known light."""
+    if flicker is not None:
+        ratio = NS_PER_S / features.bin / lag / flicker.rate_hz
+        if round(ratio) >= 1 and abs(ratio / round(ratio) - 1) < _SIDEBANDS:
+            return True
     if len(features.rows) < _FEWEST * lag:
-        return None
+        return False
     common, cells = commonness(features, lag)
-    if common < _COMMON or cells < _CELLS:
-        return None
-    return Flicker(NS_PER_S / features.bin / lag, common)
+    return common > _COMMON and cells > _CELLS
 
 
 def commonness(features: Features, lag: float) -> tuple[float, float]:

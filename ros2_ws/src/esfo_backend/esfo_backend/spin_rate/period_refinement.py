@@ -20,7 +20,7 @@ _MOST_STEP = 1.0
 """Bins by which the last turn may move in one step: shifts are linear in a part of the width of what moves."""
 _GROUPS = 16
 """Groups of neighbouring phases, and of cells, whose scatter gives the standard deviation."""
-_FEWEST_TURNS = 5
+_FEWEST_TURNS = 4
 """Turns from which their own scatter is measured, too: a rate that wanders, a camera that trembles."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from esfo_backend.errors import BackendError
 from esfo_backend.spin_rate.correlation import LARGEST_HARMONIC, Harmonic
-from esfo_backend.spin_rate.flicker import Flicker, find_flicker, flicker_of, without
+from esfo_backend.spin_rate.flicker import Flicker, find_flicker, is_light, without
 from esfo_backend.spin_rate.level_features import Correlation, Features, correlate, features_of_level, masks_of
 from esfo_backend.spin_rate.period_refinement import Refined, class_difference, fold, refine
 from esfo_backend.spin_rate.period_search import LEAST_SIGNAL, VERIFY_BINS, Candidate, candidates, verify
@@ -89,7 +89,7 @@ def stream_rate(levels: Sequence[Activity]) -> StreamRate:
         features = [without(level, flicker) for level in features]
     correlations = [correlate(level) for level in features]
     found = [c for c in candidates(correlations, features) if _repeats(c)]
-    found = [c for c in found if flicker_of(features[c.level], c.lag) is None]
+    found = [c for c in found if not is_light(features[c.level], c.lag, flicker)]
     if not found:
         raise _nothing(features, correlations, flicker)
     chosen = _shortest(found)

@@ -8,6 +8,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from backports import zstd
 from rosbags.typesys import get_types_from_msg
 
 from esfo_core.codecs.event_array import ROS1_EVENT
@@ -15,6 +16,8 @@ from esfo_core.errors import RecordingError
 from esfo_core.events import NS_PER_S
 from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet, packet_from_cdr
 from esfo_core.recordings.messages import stamp_of, typestore
+
+_ZSTANDARD = b"\x28\xb5\x2f\xfd"  # no message begins so: CDR begins with zeros, ROS 1 with small numbers
 
 _EVENT_ARRAY_DEFINITION = """\
 std_msgs/Header header
@@ -33,8 +36,13 @@ bool polarity
 def reader_of(kind: str, ros1: bool = False) -> Callable[[bytes], Any]:
     """Return a function that reads a serialised message of the type `kind`; those of `SUPPORTED` become a `Packet`.
 
-    It may raise anything for damaged bytes.
+    Bags of compression_mode MESSAGE have every message in Zstandard. It may raise anything for damaged bytes.
     """
+    read = _plain_reader(kind, ros1)
+    return lambda data: read(zstd.decompress(bytes(data)) if bytes(data[:4]) == _ZSTANDARD else data)
+
+
+def _plain_reader(kind: str, ros1: bool) -> Callable[[bytes], Any]:
     if kind in SUPPORTED and not ros1:
         return partial(packet_from_cdr, kind)
     if kind in EVENT_ARRAYS:

@@ -1,6 +1,7 @@
-"""HDF5 recordings, as Prophesee (`CD/events`) and the DSEC data set (`events/x`, `y`, `p`, `t`) have them.
+"""HDF5 recordings: columns x, y, p, t in any group (DSEC, M3ED, event_utils), or a table of events (Prophesee, MVSEC).
 
-Times are whole microseconds; DSEC's count from `t_offset`. Prophesee gives the sensor size in the attribute `geometry`.
+Times count from `t_offset` where there is one beside the columns or in the root. Prophesee gives the sensor size in the
+attribute `geometry`, event_utils in `sensor_resolution`.
 """
 
 from __future__ import annotations
@@ -11,13 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from esfo_core.codecs.columns import ColumnsDecoder
 from esfo_core.errors import EsfoError, RecordingError
-from esfo_core.events import EventArray, make_events
+from esfo_core.recordings.columns import Columns, ColumnsRecording, named, parts_of
 from esfo_core.recordings.reading_options import ReadingOptions
-from esfo_core.recordings.recording import Recording
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 
@@ -27,91 +25,104 @@ with suppress(ImportError):
 with suppress(ImportError):  # registers the filters of its packages when loaded, Blosc of DSEC among them
     import hdf5plugin  # noqa: F401
 
-_BLOCK = 1 << 18  # events
-_COLUMNS = ("x", "y", "p", "t")
 _PROPHESEE, _DSEC = "CD/events", "events"
-_MAX_US = 2**62 // 1000
 _FILTERS = {0x8ECF: "ECF of Prophesee, from their hdf5_ecf", 32001: "Blosc, from the package hdf5plugin"}
+_FOUR = 4
 
 
-class Hdf5Recording(Recording):
+class Hdf5Recording(ColumnsRecording):
     """Events of an HDF5 file; it holds no calibration.
 
-    Where neither the options nor the file give the sensor size, the pixels of all events are read once for it.
+    group: where in the file they are, needed only where several places hold events.
 
-    Raises RecordingError without h5py, for a file of neither convention, and for a compression filter that is missing.
+    Raises RecordingError without h5py, for a file without events, and for a compression filter that is missing.
     """
 
-    def __init__(self, path: Path, options: ReadingOptions) -> None:
-        super().__init__(path, path.stat().st_size)
+    encoding = "hdf5"
+
+    def __init__(self, path: Path, group: str | None, options: ReadingOptions) -> None:
         if h5py is None:
             raise RecordingError("HDF5 files need h5py: pip install h5py")
-        self.encoding = "hdf5"
-        self._read = 0
-        with self._columns() as (columns, geometry):
-            self._count = len(columns["t"])
-            size = options.size or geometry
-            self.width, self.height = size or _extent(columns)
-        self.size_inferred = size is None
-        ColumnsDecoder(self.width, self.height)
-
-    def progress(self) -> float:
-        """Fraction of the events read."""
-        return self._read / max(1, self._count)
-
-    def _packets(self) -> Iterator[EventArray]:
-        decoder = ColumnsDecoder(self.width, self.height)
-        self.statistics.decoder = decoder.statistics
-        with self._columns() as (columns, _):
-            for start in range(0, self._count, _BLOCK):
-                events = _events(columns, start)
-                self._read = min(self._count, start + _BLOCK)
-                self.statistics.packets += 1
-                yield from decoder.decode_parts(events.view(np.uint8))
+        self._group = group
+        super().__init__(path, options)
 
     @contextmanager
-    def _columns(self) -> Iterator[tuple[Mapping[str, Any], tuple[int, int] | None]]:
-        """Open the file: its columns, with `t_offset` where there is one, and its sensor size."""
+    def _columns(self) -> Iterator[Columns]:
         with _one_error(), h5py.File(self.path, "r") as file:
-            if isinstance(file.get(_PROPHESEE), h5py.Dataset):
-                self.format = "HDF5, Prophesee"
-                yield _prophesee(file[_PROPHESEE]), _geometry(file.attrs)
-            elif isinstance(file.get(_DSEC), h5py.Group):
-                self.format = "HDF5, DSEC"
-                yield _dsec(file), None
-            else:
-                found = ", ".join(file) or "nothing"
-                raise RecordingError(f"HDF5 without {_PROPHESEE} or {_DSEC}/x, y, p, t (it has {found[:80]})")
+            yield self._open(file, self._place(file))
+
+    def _place(self, file: Any) -> str:
+        """Return the one place of the file that holds events, or the one asked for."""
+        if self._group is not None and self._group.strip("/") in file:
+            return self._group.strip("/")
+        places = ["/"] if _holds_events(file) else []
+        file.visititems(lambda name, item: places.append(name) if _holds_events(item) else None)
+        for usual in (_PROPHESEE, _DSEC):
+            if self._group is None and isinstance(file.get(usual), h5py.Dataset if usual == _PROPHESEE else h5py.Group):
+                return usual
+        names = ", ".join(places)
+        if self._group is not None:
+            raise RecordingError(f"no events in {self._group!r}; events are in: {names or 'nothing'}")
+        if len(places) > 1:
+            raise RecordingError(f"events in several places, choose one of {names}")
+        if not places:
+            found = ", ".join(file) or "nothing"
+            raise RecordingError(f"HDF5 without columns x, y, p, t or a table of events (it has {found[:80]})")
+        return places[0]
+
+    def _open(self, file: Any, place: str) -> Columns:
+        item = file[place]
+        size = _geometry(file.attrs)
+        if isinstance(item, h5py.Group):
+            names = named(item)
+            if len(names) != _FOUR:
+                raise RecordingError(f"{place} has {', '.join(item) or 'nothing'}; needed are x, y, p, t")
+            data = {key: item[name] for key, name in names.items()}
+            for column in data.values():
+                _check(column, 1)
+            # DSEC's own files tell no unit, but all of that layout have us.
+            usual = place == _DSEC and "t_offset" in file and data["t"].dtype.kind in "iu"
+            form = "DSEC" if place == _DSEC else place
+            return Columns(f"HDF5, {form}", data, _offset(file, item), size, "us" if usual else "")
+        if item.dtype.names:
+            fields = named(item.dtype.names)
+            if len(fields) != _FOUR:
+                raise RecordingError(f"{place} has the fields {', '.join(item.dtype.names)}; needed are x, y, p, t")
+            _check(item, 1)
+            data = {key: item.fields(name) for key, name in fields.items()}
+            prophesee = place == _PROPHESEE and item.dtype[fields["t"]].kind in "iu"
+            form = "Prophesee" if place == _PROPHESEE else place
+            return Columns(f"HDF5, {form}", data, 0, size, "us" if prophesee else "")
+        if item.ndim != 2 or item.shape[1] != _FOUR:
+            raise RecordingError(f"{place} has the fields none; needed are x, y, p, t")
+        _check(item, 2)
+        data, guesses = parts_of(item, self._options)
+        return Columns(f"HDF5, {place}", data, _offset(file, item.parent), size, guesses=guesses)
 
 
-def _prophesee(table: Any) -> Mapping[str, Any]:
-    names = table.dtype.names or ()
-    if not set(_COLUMNS) <= set(names):
-        raise RecordingError(f"{_PROPHESEE} has the fields {', '.join(names) or 'none'}; needed are x, y, p, t")
-    _check(table, table.dtype["t"])
-    return {name: table.fields(name) for name in _COLUMNS}
+def _holds_events(item: Any) -> bool:
+    if isinstance(item, h5py.Group):
+        return len(named(item)) == _FOUR
+    return len(named(item.dtype.names or ())) == _FOUR or (
+        item.name.endswith("events") and item.ndim == 2 and item.shape[1] == _FOUR
+    )
 
 
-def _dsec(file: Any) -> Mapping[str, Any]:
-    group = file[_DSEC]
-    if not all(isinstance(group.get(name), h5py.Dataset) for name in _COLUMNS):
-        raise RecordingError(f"{_DSEC} has {', '.join(group) or 'nothing'}; needed are x, y, p, t")
-    columns = {name: group[name] for name in _COLUMNS}
-    for column in columns.values():
-        _check(column, column.dtype)
-    lengths = [len(column) for column in columns.values()]
-    if len(set(lengths)) != 1:
-        raise RecordingError(f"the columns x, y, p, t are of different lengths: {lengths}")
-    offset = file.get("t_offset")
-    return {**columns, "t_offset": int(offset[()]) if offset is not None else 0}
+def _offset(file: Any, group: Any) -> int | float:
+    found = group.get("t_offset", file.get("t_offset"))
+    if found is None:
+        return 0
+    value = np.asarray(found[()]).ravel()
+    if len(value) != 1 or value.dtype.kind not in "iuf" or not np.isfinite(value[0]):
+        raise RecordingError(f"t_offset is {str(found[()])[:60]}, not one number")
+    number: int | float = value[0].item()
+    return number
 
 
-def _check(data: Any, times: Any) -> None:
-    """Raise RecordingError for columns that cannot be read correctly."""
-    if data.ndim != 1:
-        raise RecordingError(f"{data.name} has {data.ndim} dimensions, not one")
-    if times.kind not in "iub":
-        raise RecordingError(f"{data.name} holds numbers of type {times}, not whole ones")
+def _check(data: Any, dimensions: int) -> None:
+    """Refuse what would be read wrongly, endlessly or not at all."""
+    if data.ndim != dimensions:
+        raise RecordingError(f"{data.name} has {data.ndim} dimensions, not {dimensions}")
     properties = data.id.get_create_plist()
     for i in range(properties.get_nfilters()):
         number, name = properties.get_filter(i)[0], properties.get_filter(i)[3].decode("ascii", "replace")
@@ -122,6 +133,9 @@ def _check(data: Any, times: Any) -> None:
 
 
 def _geometry(attributes: Mapping[str, Any]) -> tuple[int, int] | None:
+    resolution = np.asarray(attributes.get("sensor_resolution", ())).ravel()
+    if len(resolution) == 2 and resolution.dtype.kind in "iu" and (resolution > 0).all():
+        return int(resolution[1]), int(resolution[0])  # rows first, as event_utils writes it
     text = attributes.get("geometry")
     if text is None:
         return None
@@ -130,35 +144,6 @@ def _geometry(attributes: Mapping[str, Any]) -> tuple[int, int] | None:
     if not (width.isdecimal() and height.isdecimal()):
         raise RecordingError(f"the sensor size is {text!r}")
     return int(width), int(height)
-
-
-def _events(columns: Mapping[str, Any], start: int) -> EventArray:
-    x, y, p, t = (_whole(columns[name][start : start + _BLOCK], name) for name in _COLUMNS)
-    t = t + columns.get("t_offset", 0)
-    for name, values, low, high in (("x", x, 0, 65535), ("y", y, 0, 65535), ("p", p, -1, 1), ("t", t, 0, _MAX_US)):
-        if values.min() < low or values.max() > high:
-            raise RecordingError(
-                f"{name} from {values.min()} to {values.max()} in events {start} to {start + len(x) - 1}; "
-                f"possible are {low} to {high}"
-            )
-    return make_events(x, y, p > 0, t * 1000)
-
-
-def _whole(values: NDArray[Any], name: str) -> NDArray[np.int64]:
-    if values.dtype.kind not in "iub":
-        raise RecordingError(f"{name} holds numbers of type {values.dtype}, not whole ones")
-    return values.astype(np.int64)
-
-
-def _extent(columns: Mapping[str, Any]) -> tuple[int, int]:
-    """Sensor size that just holds all events."""
-    size = [0, 0]
-    for i, name in enumerate("xy"):
-        for start in range(0, len(columns[name]), _BLOCK):
-            size[i] = max(size[i], int(columns[name][start : start + _BLOCK].max()) + 1)
-    if 0 in size:
-        raise RecordingError("HDF5 without an event")
-    return size[0], size[1]
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import yaml
 
@@ -14,10 +15,13 @@ from esfo_core.recordings.bag import BagRecording
 from esfo_core.recordings.byte_stream import COMPRESSED
 from esfo_core.recordings.hdf5 import MAGIC as HDF5
 from esfo_core.recordings.hdf5 import Hdf5Recording
+from esfo_core.recordings.numpy_files import MAGIC as NUMPY
+from esfo_core.recordings.numpy_files import NumpyRecording, is_npz
 from esfo_core.recordings.prophesee import PropheseeRecording, has_format
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
 from esfo_core.recordings.text import TextRecording
+from esfo_core.recordings.unpacking import PACKED, SUFFIXES, is_archive, names_in, packed_start, plain_name, unpack
 
 _BAG_KINDS = {
     b"\x89MCAP0\r\n": (".mcap", "ROS 2 bag (MCAP)"),
@@ -27,6 +31,20 @@ _BAG_KINDS = {
 
 _TEXT = frozenset(range(32, 127)) | frozenset("\t\r\nµ".encode())
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_RECORDING_SUFFIXES = (
+    ".raw",
+    ".dat",
+    ".mcap",
+    ".db3",
+    ".bag",
+    ".aedat4",
+    ".aedat",
+    ".h5",
+    ".hdf5",
+    ".npy",
+    ".npz",
+    ".es",
+)
 _NOTHING_TOLD = ReadingOptions()
 
 
@@ -34,7 +52,7 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     """Open an event recording of any known format, told by its first bytes.
 
     path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT2.1, EVT3) or
-    DAT file, an AEDAT4 file, an HDF5 file of Prophesee or DSEC, or text, plain or compressed.
+    DAT file, an AEDAT4 file, an HDF5 or NumPy file, or text; any of these plain or compressed as a whole.
     topic: which event topic of a bag or stream of an AEDAT4 file, needed only when it has several.
     options: what the file does not tell.
 
@@ -42,7 +60,7 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     the calibration in a bag is impossible.
     """
     try:
-        recording = _open_folder(path, topic, options) if path.is_dir() else _open_file(path, topic, options)
+        recording = _open(path, topic, options)
     except (RecordingError, CameraError) as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
@@ -51,8 +69,39 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     return recording
 
 
-def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
+def _open(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
+    if path.is_dir():
+        return _open_folder(path, topic, options)
     start = _first_bytes(path)
+    if start.startswith(PACKED) and not (start.startswith(b"PK") and is_npz(path)) and not _is_packed_text(path):
+        folder = TemporaryDirectory(prefix="esfo_")
+        inner = _with_its_suffix(unpack(path, Path(folder.name)))
+        recording = _open(inner, topic, options)
+        recording.unpacked_from, recording.unpacked_to = path, folder
+        return recording
+    return _open_file(path, start, topic, options)
+
+
+def _is_packed_text(path: Path) -> bool:
+    """Whether a compressed file holds text of events, which is read without unpacking it first."""
+    start = packed_start(path, 512)
+    if not start:  # a ZIP archive
+        return not any(name.lower().endswith(_RECORDING_SUFFIXES) for name in names_in(path))
+    known = (*_BAG_KINDS, b"% ", b"#!AER-DAT")
+    compressed_stream = _first_bytes(path).startswith(COMPRESSED)
+    return compressed_stream and not is_archive(start) and not start.startswith(known) and b"\0" not in start
+
+
+def _with_its_suffix(path: Path) -> Path:
+    """Give an unpacked bag file the extension that its kind needs."""
+    if path.is_dir():
+        return path
+    start = _first_bytes(path)
+    suffix = next((suffix for magic, (suffix, _) in _BAG_KINDS.items() if start.startswith(magic)), path.suffix)
+    return path if path.suffix == suffix else path.rename(path.with_name(path.name + suffix))
+
+
+def _open_file(path: Path, start: bytes, topic: str | None, options: ReadingOptions) -> Recording:
     for magic, (suffix, kind) in _BAG_KINDS.items():
         if start.startswith(magic):
             if path.suffix != suffix:
@@ -63,7 +112,9 @@ def _open_file(path: Path, topic: str | None, options: ReadingOptions) -> Record
     if start.startswith(AEDAT4):
         return Aedat4Recording(path, topic)
     if start.startswith(HDF5):
-        return Hdf5Recording(path, options)
+        return Hdf5Recording(path, topic, options)
+    if start.startswith(NUMPY) or (start.startswith(b"PK") and is_npz(path)):
+        return NumpyRecording(path, options)
     if start.startswith(b"#!AER-DAT"):
         raise RecordingError(f"AEDAT of version {start[9:12].decode('ascii', 'replace')} is not read, only 4.0")
     if start.startswith(COMPRESSED) or _TEXT.issuperset(start.removeprefix(_BYTE_ORDER_MARK)):
@@ -80,7 +131,10 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _open_folder(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
-    files = _files_of(path)
+    files, folder = _files_of(path), None
+    if any(file.suffix in SUFFIXES for file in files):  # compression_mode FILE
+        folder = TemporaryDirectory(prefix="esfo_")
+        files = [unpack(file, Path(folder.name)) if file.suffix in SUFFIXES else file for file in files]
     kinds = {suffix: kind for suffix, kind in _BAG_KINDS.values() if suffix != ".bag"}
     suffixes = {file.suffix for file in files}
     if not files or len(suffixes) != 1 or not suffixes <= kinds.keys():
@@ -88,7 +142,13 @@ def _open_folder(path: Path, topic: str | None, options: ReadingOptions) -> Reco
         raise RecordingError(f"the folder is no ROS 2 bag of .mcap or .db3 files (found: {names or 'none'})")
     for file in files:
         _first_bytes(file)
-    return BagRecording(path, files, kinds[files[0].suffix], topic, options)
+    recording = BagRecording(path, files, kinds[files[0].suffix], topic, options)
+    recording.unpacked_to = folder
+    return recording
+
+
+def _is_part(file: Path) -> bool:
+    return Path(plain_name(file)).suffix in (".mcap", ".db3")
 
 
 def _in_order(file: Path) -> list[tuple[int, int, str]]:
@@ -104,7 +164,7 @@ def _files_of(path: Path) -> list[Path]:
     """
     metadata = path / "metadata.yaml"
     if not metadata.exists():
-        return sorted((file for file in path.iterdir() if file.suffix in (".mcap", ".db3")), key=_in_order)
+        return sorted((file for file in path.iterdir() if _is_part(file)), key=_in_order)
     try:
         content = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
         return [path / Path(name).name for name in content["relative_file_paths"]]

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -86,6 +87,8 @@ class Recording(ABC):
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
     wanted_segment: number of the segment that `chunks` is to yield, of a recording whose clock is set back; 0 is the
     first. segment: the one that it yields, once that is known.
+    unpacked_from, unpacked_to: the compressed file and the temporary folder that the recording was unpacked to, None
+    where it was not compressed as a whole.
     unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
 
@@ -100,8 +103,15 @@ class Recording(ABC):
         self.wanted_segment = MOST_EVENTS
         self.segment = 0
         self.unusable_camera: EsfoError | None = None
+        self.unpacked_from: Path | None = None
+        self.unpacked_to: TemporaryDirectory[str] | None = None
         self.statistics = RecordingStatistics()
         self._camera: Camera | None = None
+
+    @property
+    def named_path(self) -> Path:
+        """The path as the user knows it: of the compressed file, where there is one."""
+        return self.unpacked_from or self.path
 
     @property
     def camera(self) -> Camera | None:
@@ -137,14 +147,14 @@ class Recording(ABC):
             else:
                 yield from self._one(self.wanted_segment, duration_ns)
         except RecordingError as error:
-            raise RecordingError(f"{self.path}: {error}") from error
+            raise RecordingError(f"{self.named_path}: {error}") from error
         except OSError as error:
-            raise RecordingError(f"{self.path}: {error.strerror}") from error
+            raise RecordingError(f"{self.named_path}: {error.strerror}") from error
         if self.segment >= self.statistics.segments:
             back = self.statistics.segments - 1
-            raise RecordingError(f"{self.path}: no segment {self.segment}: the clock is set back {back} times")
+            raise RecordingError(f"{self.named_path}: no segment {self.segment}: the clock is set back {back} times")
         if not self.statistics.events:
-            raise RecordingError(f"{self.path}: no events in {self.statistics.packets} packets of {self.format}")
+            raise RecordingError(f"{self.named_path}: no events in {self.statistics.packets} packets of {self.format}")
 
     @abstractmethod
     def progress(self) -> float:

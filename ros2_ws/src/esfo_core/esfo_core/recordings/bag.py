@@ -13,10 +13,10 @@ from esfo_core.events import EventArray
 from esfo_core.packets import EVENT_ARRAYS, SUPPORTED, Packet
 from esfo_core.recordings.bag_file import BagFile
 from esfo_core.recordings.camera_topics import camera_of
-from esfo_core.recordings.cut_mcap import CutMcap, is_cut
 from esfo_core.recordings.messages import CAMERA_INFO
 from esfo_core.recordings.reading_options import ReadingOptions
 from esfo_core.recordings.recording import Recording
+from esfo_core.recordings.scanned_mcap import ScannedMcap, is_cut, is_of_ros1
 
 
 class BagRecording(Recording):
@@ -33,7 +33,7 @@ class BagRecording(Recording):
         self, path: Path, files: Sequence[Path], kind: str, topic: str | None, options: ReadingOptions
     ) -> None:
         super().__init__(path, sum(file.stat().st_size for file in files))
-        self._files = [CutMcap(file) if file.suffix == ".mcap" and is_cut(file) else BagFile(file) for file in files]
+        self._files = [_opened(file) for file in files]
         topics = self._topics(SUPPORTED)
         self.topic, self._kind = _choose(topics, topic)
         self._messages = topics[self.topic, self._kind]
@@ -120,6 +120,12 @@ class BagRecording(Recording):
         topics = sorted((topic for topic, _ in self._topics([CAMERA_INFO])), key=lambda topic: topic != beside)
         infos = {topic: (m for m in self._all(topic, CAMERA_INFO) if m is not None) for topic in topics}
         return camera_of(infos, beside, (self.width, self.height))
+
+
+def _opened(file: Path) -> BagFile | ScannedMcap:
+    if file.suffix == ".mcap" and (is_cut(file) or is_of_ros1(file)):
+        return ScannedMcap(file)
+    return BagFile(file)
 
 
 def _choose(topics: dict[tuple[str, str], int], wanted: str | None) -> tuple[str, str]:

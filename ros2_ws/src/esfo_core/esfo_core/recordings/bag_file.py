@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,13 +15,14 @@ from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.recordings.event_messages import check_definition, reader_of
+from esfo_core.recordings.scanned_mcap import ScannedMcap
 from esfo_core.recordings.write_ahead import log_of, merged
 
 
 class BagFile:
     """One MCAP, SQLite or ROS 1 bag file, chosen by its extension and opened anew for each question.
 
-    bytes_lost: always zero; a file that can be read only in part is a `CutMcap`.
+    An MCAP with a damaged chunk is read on as `ScannedMcap`. bytes_lost: always zero; a file without its end is one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -38,15 +40,35 @@ class BagFile:
         Raises RecordingError where the bag defines an event array differently.
         """
         counts: dict[tuple[str, str], int] = {}
+        try:
+            self._take_counts(kinds, counts)
+        except RecordingError:
+            rescued = ScannedMcap(self.path).topics(kinds) if self.path.suffix == ".mcap" else {}
+            if not rescued:
+                raise
+            return rescued
+        return counts
+
+    def _take_counts(self, kinds: Sequence[str], counts: dict[tuple[str, str], int]) -> None:
         with self._open() as reader:
             for c in reader.connections:
                 if c.msgtype in kinds:
                     check_definition(c.msgtype, c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else "")
                     counts[c.topic, c.msgtype] = counts.get((c.topic, c.msgtype), 0) + c.msgcount
-        return counts
 
     def messages(self, topic: str, kind: str) -> Iterator[Any]:
         """Messages of one topic in the order of their log times; None for one that cannot be deserialised."""
+        count = 0
+        try:
+            for message in self._indexed(topic, kind):
+                yield message
+                count += 1
+        except RecordingError:
+            if self.path.suffix != ".mcap":
+                raise
+            yield from islice(ScannedMcap(self.path).messages(topic, kind), count, None)
+
+    def _indexed(self, topic: str, kind: str) -> Iterator[Any]:
         read = reader_of(kind, self._ros1)
         with self._open() as reader:
             connections = [c for c in reader.connections if c.topic == topic and c.msgtype == kind]

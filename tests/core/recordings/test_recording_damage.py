@@ -89,3 +89,38 @@ def test_no_damage_raises_anything_else(bag):
         bag.write_bytes(damaged)
         with contextlib.suppress(EsfoError):
             everything(bag)
+
+
+@pytest.mark.parametrize("fraction", [0.95, 0.6, 0.3])
+def test_a_cut_off_sqlite_bag_gives_its_whole_part(tmp_path, fraction):
+    events = some_events()
+    path = sqlite_bag(tmp_path / "bag.db3", np.array_split(events, 200))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(fraction * len(content))])
+    recording, chunks = everything(path)
+    got = np.concatenate(chunks)
+    assert set(got.tolist()) <= set(events.tolist())
+    assert len(got) > 0.8 * fraction * len(events)
+    assert recording.statistics.bytes_lost == len(content) - int(fraction * len(content))
+    assert path.read_bytes() == content[: int(fraction * len(content))]
+    path.write_bytes(content[:5000])
+    expect_error(path, "cut off, and nothing can be read|damaged or unreadable|no messages|no topic of type")
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_damaged_chunk_of_an_mcap_is_left_out(tmp_path, whole):
+    events = some_events()
+    parts = np.array_split(events, 100)
+    path = event_bag(tmp_path / "bag.mcap", *(packet(part, seq) for seq, part in enumerate(parts)), chunk_size=1 << 13)
+    content = bytearray(path.read_bytes())
+    for place in (len(content) // 4, len(content) // 2):
+        content[place : place + 40] = b"junk" * 10
+    path.write_bytes(content if whole else content[: len(content) * 9 // 10])
+    recording, chunks = everything(path)
+    got = np.concatenate(chunks)
+    s = recording.statistics
+    assert set(got.tolist()) <= set(events.tolist())
+    assert len(got) > (0.85 if whole else 0.7) * len(events)
+    assert s.packets_damaged == 2
+    if whole:
+        assert s.packets + s.packets_damaged + s.packets_lost == 100

@@ -160,3 +160,20 @@ def test_packets_under_their_old_name(tmp_path):
     recording, chunks = everything(path)
     assert recording.format == "ROS 2 bag (MCAP), mono"
     assert (np.concatenate(chunks) == some_events()).all()
+
+
+@pytest.mark.parametrize("kind", EVENT_ARRAYS)
+def test_an_mcap_of_ros1_messages(tmp_path, kind):
+    store, path, parts = store_of(kind, ros1=True), tmp_path / "a.mcap", np.array_split(some_events(300), 3)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros1")
+        definition = store.generate_msgdef(kind, ros_version=1)[0].encode()
+        schema = writer.register_schema(kind.replace("/msg/", "/"), "ros1msg", definition)
+        channel = writer.register_channel("/dvs/events", "ros1", schema)
+        for i, part in enumerate(parts):
+            writer.add_message(channel, i, serialised(store, kind, part, True, i), i)
+        writer.finish()
+    recording, chunks = everything(path)
+    assert (np.concatenate(chunks) == some_events(300)).all()
+    assert recording.statistics.packets == 3

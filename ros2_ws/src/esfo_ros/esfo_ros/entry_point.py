@@ -11,20 +11,23 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 
 from esfo_core.errors import EsfoError
+from esfo_ros.parameters import refuse_unknown
 
 
 def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> int:
     """Create a node, run `drive` on it and return the exit code of the process.
 
-    0 after SIGINT, SIGTERM, a shutdown or when `drive` returns; 1, with one line on stderr, for an EsfoError in `make`,
-    in a callback or in the node's `failure`. Any other exception is a bug and keeps its traceback.
+    0 after SIGINT, SIGTERM, a shutdown or when `drive` returns; 1, with one line on stderr, for arguments that ROS
+    refuses, and for an EsfoError in `make`, in a callback or in what the node has as its `failure`. Any other exception
+    is a bug: it keeps its traceback.
     """
     node: Any = None
+    # Some libraries (pycolmap) answer SIGTERM with a stack trace; rclpy would still call such a handler.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        # Some libraries (pycolmap) print a stack trace on SIGTERM, and rclpy would call their handler as well.
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        rclpy.init()
+        _init()
         node = make()
+        refuse_unknown(node)
         drive(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
@@ -44,6 +47,17 @@ def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> i
     if isinstance(failure, EsfoError):
         return _report(failure)
     raise failure
+
+
+def _init() -> None:
+    """Start ROS. Raises EsfoError with its reason where it does not start."""
+    try:
+        rclpy.init()
+    except (RuntimeError, OSError, ValueError) as error:  # rcl's errors are RuntimeErrors, without a class of their own
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        reason = ": ".join(lines[:1]) or type(error).__name__
+        hint = "; set HOME or ROS_LOG_DIR to a folder that can be written" if "logging" in reason else ""
+        raise EsfoError(f"ROS does not start: {reason}{hint}") from error
 
 
 def _report(error: EsfoError) -> int:

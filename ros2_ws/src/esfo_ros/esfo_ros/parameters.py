@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -34,6 +35,21 @@ def parameter_descriptor(leaf: OptionField, read_only: bool) -> ParameterDescrip
             bounds = [round(max(min(v, 2.0**62), -(2.0**62))) for v in (low, high)]
             descriptor.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1], step=1)]
     return descriptor
+
+
+def refuse_unknown(node: Any) -> None:
+    """Raise OptionError where a parameter is set that the node does not have: a misspelt one changes nothing."""
+    if not isinstance(node, Node):
+        return
+    unknown = [
+        name
+        for name in node._parameter_overrides
+        if not node.has_parameter(name) and not name.startswith("qos_overrides.")
+    ]
+    if unknown:
+        close = {name: get_close_matches(name, list(node._parameters), 1) for name in unknown}
+        names = ", ".join(name + (f" (is {close[name][0]} meant?)" if close[name] else "") for name in unknown)
+        raise OptionError(f"node {node.get_name()} has no parameter {names}")
 
 
 def declare_fields(node: Node, options: T, read_only: bool = True) -> T:

@@ -14,15 +14,15 @@ from rosbags.rosbag1 import Reader as Rosbag1Reader
 from rosbags.rosbag2 import Reader as Rosbag2Reader
 
 from esfo_core.errors import EsfoError, RecordingError
+from esfo_core.recordings.broken_sqlite import is_cut, log_of, merged, rescued
 from esfo_core.recordings.event_messages import check_definition, reader_of
 from esfo_core.recordings.scanned_mcap import ScannedMcap
-from esfo_core.recordings.write_ahead import log_of, merged
 
 
 class BagFile:
     """One MCAP, SQLite or ROS 1 bag file, chosen by its extension and opened anew for each question.
 
-    An MCAP with a damaged chunk is read on as `ScannedMcap`. bytes_lost: always zero; a file without its end is one.
+    An MCAP with a damaged chunk is read on as `ScannedMcap`. bytes_lost: bytes missing at the end of an SQLite file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,6 +32,9 @@ class BagFile:
         if log is not None:
             self._folder = TemporaryDirectory(prefix="esfo_")  # goes with this object
             self.path = merged(path, log, self._folder)
+        elif path.suffix == ".db3" and is_cut(path):
+            self._folder = TemporaryDirectory(prefix="esfo_")
+            self.path, self.bytes_lost = rescued(path, self._folder)
         self._ros1 = path.suffix == ".bag"
 
     def topics(self, kinds: Sequence[str]) -> dict[tuple[str, str], int]:

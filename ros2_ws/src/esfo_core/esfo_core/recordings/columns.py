@@ -153,7 +153,7 @@ class ColumnsRecording(Recording):
         if not 0 <= float(low) + float(offset) <= float(high) + float(offset) <= _MAX_NS / factor:
             raise RecordingError(_beyond("t", t, start, 0, _MAX_NS // factor))
         if t.dtype.kind == "f" or isinstance(offset, float):
-            return np.rint((t.astype(np.float64) + offset) * factor).astype(np.int64)
+            return np.asarray(np.rint((t.astype(np.float64) + offset) * factor), np.int64)
         return np.asarray((t.astype(np.int64) + offset) * factor)
 
     def _extent(self, columns: Columns) -> tuple[int, int]:

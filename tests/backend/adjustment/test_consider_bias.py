@@ -5,7 +5,15 @@ import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
-from esfo_backend.adjustment.consider_bias import BIAS, MOTION, SLOPE, _widen, bias_sensitivity, reduced_equations
+from esfo_backend.adjustment.consider_bias import (
+    BIAS,
+    MOTION,
+    SLOPE,
+    _widen,
+    bias_sensitivity,
+    reduced_equations,
+    row_scores,
+)
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import optimise_graph
 from esfo_backend.orbit.observations import observations
@@ -87,6 +95,19 @@ def test_equations_are_those_of_the_rows():
     assert (slice(0, 4), 4, slice(5, 9)) == (MOTION, SLOPE, BIAS)
 
 
+def test_scores_of_rows_add_up_to_those_of_landmarks():
+    scene = tracks_of(spin(AXIS), noise_px=0.5, points=8)
+    solution, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
+    Q, rate = solution.motion.Q, solution.motion.rate_hz
+    information, score = reduced_equations(Q, rate, solution.y, obs.rows, 1.0, 1)
+    step = np.array([1e-3, -2e-3, 1e-3, 1e-4, 1e-4, 0.1, 0, 0, 0, 1e-3])
+    for moved in (np.zeros(10), step):
+        parts = row_scores(Q, rate, solution.y, obs.rows, 1.0, moved)
+        summed = np.add.reduceat(parts, obs.rows.first[:-1])
+        expected = score + information @ moved
+        np.testing.assert_allclose(summed, expected, rtol=1e-7, atol=1e-8 * np.abs(expected).max())
+
+
 def test_columns_equal_numeric_derivatives():
     """Of the slope by the phase that it adds, of the biases by shifts along and across a numeric image velocity."""
     scene = tracks_of(spin(AXIS), noise_px=0.5, points=8)
@@ -97,7 +118,12 @@ def test_columns_equal_numeric_derivatives():
         X = Q @ (rotation(np.array([0.0, 0, 1]), -2 * np.pi * phase) @ solution.y[j] - [1.0, 0, 0])
         return rows.focal * X[:2] / X[2]
 
-    block, wide = np.empty((2, 8)), np.empty((2, 13))
+    def by_focal(j, k, h=1e-5):
+        """Pixels are fixed: directions shrink as the focal length grows."""
+        residual = [np.exp(s) * (image(j, rate * rows.dt[k]) - rows.focal * rows.xy[k] * np.exp(-s)) for s in (-h, h)]
+        return (residual[1] - residual[0]) / (2 * h)
+
+    block, wide = np.empty((2, 8)), np.empty((2, 14))
     for j in range(obs.points):
         for k in range(rows.first[j], rows.first[j + 1]):
             linearize_row(Q, rate, solution.y[j], rows, k, block)
@@ -110,8 +136,9 @@ def test_columns_equal_numeric_derivatives():
             y = rotation(np.array([0.0, 0, 1]), -2 * np.pi * rate * dt) @ solution.y[j]
             side = y[1] / np.hypot(y[0], y[1])
             expected = [w * by_phase * dt**2 / 2, *(w * v for v in (along, across, side * along, side * across))]
+            expected.append(w * by_focal(j, k))
             size = np.abs(wide[:, 5:10]).max()
-            np.testing.assert_allclose(wide[:, 5:10], np.transpose(expected), rtol=1e-7, atol=1e-7 * size)
+            np.testing.assert_allclose(wide[:, 5:11], np.transpose(expected), rtol=1e-7, atol=1e-7 * size)
 
 
 def test_stated_deviation_covers_a_common_bias():

@@ -8,11 +8,12 @@ J. Financial Economics 2011). How long errors last is not known, so that several
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from esfo_backend.orbit.observations import ObservationRows
 from esfo_core.orbit import Matrix, Vector
 
 _BINS_PER_WIDTH = 4
@@ -24,47 +25,55 @@ _LEAST_SEEN = 2.0
 """Widths, at least, that a landmark counts as seen in; one that is seen in fewer has no influence to speak of."""
 
 
-def common_variance(influence: Matrix, rows: ObservationRows, rate_hz: float, parameters: int) -> Vector:
+class Timeline(NamedTuple):
+    """When landmarks were seen. dt: (N,) s, ascending for each landmark. first: (P + 1,) as in `ObservationRows`."""
+
+    dt: Vector
+    first: NDArray[np.int64]
+    rate_hz: float
+
+
+def common_variance(influence: Matrix, seen: Timeline, coordinates: int = 3) -> Vector:
     """Variance (S,) that the pairs of rows of different landmarks add to that of each parameter, at least 0.
 
-    influence: (N, S) change of each parameter by each row. parameters: number of them that were estimated. Pairs are
+    influence: (N, S) change of each parameter by each row. coordinates: that were estimated of each landmark. Pairs are
     weighted by a triangle over their distance in time (Bartlett's kernel). Its width starts at a quarter of a turn and
     halves down to the time between two rows of a landmark; the width of the largest variance counts, for each parameter
     by itself.
     """
-    largest = np.zeros(influence.shape[1])
-    for width in _widths(rows, rate_hz):
+    parameters = influence.shape[1]
+    largest = np.zeros(parameters)
+    for width in _widths(seen):
         step = width / _BINS_PER_WIDTH
-        bins = np.floor((rows.dt - rows.dt.min()) / step).astype(np.int64)
+        bins = np.floor((seen.dt - seen.dt.min()) / step).astype(np.int64)
         count = int(bins.max()) + 1
         small_sample = count / (count - parameters * _BINS_PER_WIDTH)
-        shown = influence * _unabsorbed(rows, width)[:, None]
-        every, own = _over_time(shown, bins, count), _within_landmarks(shown, bins, rows.first, _BINS_PER_WIDTH)
+        shown = influence * _unabsorbed(seen, width, coordinates)[:, None]
+        every, own = _over_time(shown, bins, count), _within_landmarks(shown, bins, seen.first, _BINS_PER_WIDTH)
         largest = np.maximum(largest, small_sample * every - own)
     return largest
 
 
-def _unabsorbed(rows: ObservationRows, width: float) -> Vector:
+def _unabsorbed(seen: Timeline, width: float, coordinates: int) -> Vector:
     """Factor (N,) by which errors that last a width are larger than the residuals, because landmarks take up a part.
 
-    A landmark has three coordinates, for two such errors in each width in which it is seen.
+    A landmark has some coordinates, for two such errors in each width in which it is seen.
     """
-    seen = np.minimum(np.diff(rows.dt, append=np.inf), width)
-    seen[rows.first[1:] - 1] = width
-    errors = 2 * np.maximum(np.add.reduceat(seen, rows.first[:-1]) / width, _LEAST_SEEN)
-    return np.repeat(np.sqrt(errors / (errors - 3)), np.diff(rows.first))
+    time = np.minimum(np.diff(seen.dt, append=np.inf), width)
+    time[seen.first[1:] - 1] = width
+    errors = 2 * np.maximum(np.add.reduceat(time, seen.first[:-1]) / width, _LEAST_SEEN)
+    return np.repeat(np.sqrt(errors / (errors - coordinates)), np.diff(seen.first))
 
 
-def _widths(rows: ObservationRows, rate_hz: float) -> list[float]:
+def _widths(seen: Timeline) -> list[float]:
     """Widths in s, the longest first; none where the recording is too short for any."""
-    span = float(np.ptp(rows.dt)) if len(rows.dt) else 0.0
-    inside = np.ones(len(rows.dt), bool)
-    inside[rows.first[:-1]] = False
-    gaps = np.diff(rows.dt, prepend=0.0)[inside]
+    inside = np.ones(len(seen.dt), bool)
+    inside[seen.first[:-1]] = False
+    gaps = np.diff(seen.dt, prepend=0.0)[inside]
     gaps = gaps[gaps > 0]
     if not len(gaps):
         return []
-    longest = min(_LONGEST_TURNS / rate_hz, span / _LEAST_WIDTHS)
+    longest = min(_LONGEST_TURNS / seen.rate_hz, float(np.ptp(seen.dt)) / _LEAST_WIDTHS)
     halved = longest * 0.5 ** np.arange(_MOST_LEVELS)
     return [float(width) for width in halved if width >= np.median(gaps)]
 

@@ -7,12 +7,14 @@ side. The residuals do not show the part that a change of the axis compensates, 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
-from esfo_backend.adjustment.common_errors import common_variance
+from esfo_backend.adjustment.common_errors import Timeline, common_variance
 from esfo_backend.adjustment.elimination import factor_landmark, solve_lower
 from esfo_backend.orbit.observations import ObservationRows, Observations
 from esfo_backend.orbit.projection import cauchy_weight, linearize_row
@@ -74,26 +76,10 @@ def row_scores(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy:
     are its score of `reduced_equations` with power 1, plus its information times the step.
     """
     out = np.zeros((len(rows.dt), COLUMNS))
-    block, wide, point = np.empty((2, 8)), np.empty((2, _WIDE)), np.empty((3, 3))
-    mixed, L, Z, own = np.empty((1 + COLUMNS, 3)), np.zeros((3, 3)), np.empty((1 + COLUMNS, 3)), np.empty(3)
-    left = np.empty(1 + COLUMNS)
+    block, wide, own, left = np.empty((2, 8)), np.empty((2, _WIDE)), np.empty(3), np.empty(1 + COLUMNS)
+    L, Z = np.zeros((3, 3)), np.empty((1 + COLUMNS, 3))
     for j in range(len(rows.first) - 1):
-        point[:], mixed[:] = 0.0, 0.0
-        for k in range(rows.first[j], rows.first[j + 1]):
-            if not linearize_row(Q, rate, y[j], rows, k, block):
-                continue
-            _widen(rate, y[j], rows, k, block, wide)
-            w = cauchy_weight(block, cauchy)
-            for i in range(2):
-                for n in range(3):
-                    p = w * wide[i, 1 + COLUMNS + n]
-                    for m in range(3):
-                        point[m, n] += p * wide[i, 1 + COLUMNS + m]
-                    for m in range(1 + COLUMNS):
-                        mixed[m, n] += p * wide[i, m]
-        factor_landmark(point, 0.0, L)
-        for m in range(1 + COLUMNS):
-            solve_lower(L, mixed[m], Z[m])
+        _factor_point(Q, rate, y[j], rows, (rows.first[j], rows.first[j + 1], cauchy), L, Z)
         for k in range(rows.first[j], rows.first[j + 1]):
             if not linearize_row(Q, rate, y[j], rows, k, block):
                 continue
@@ -102,13 +88,38 @@ def row_scores(Q: Matrix, rate: float, y: Matrix, rows: ObservationRows, cauchy:
             for i in range(2):
                 solve_lower(L, wide[i, 1 + COLUMNS :], own)
                 for m in range(1 + COLUMNS):
-                    left[m] = wide[i, m] - Z[m, 0] * own[0] - Z[m, 1] * own[1] - Z[m, 2] * own[2]
-                residual = left[0]
-                for m in range(COLUMNS):
-                    residual += left[1 + m] * step[m]
+                    left[m] = wide[i, m] - np.dot(Z[m], own)
+                residual = left[0] + np.dot(left[1:], step)
                 for m in range(COLUMNS):
                     out[k, m] += w * left[1 + m] * residual
     return out
+
+
+@njit(cache=True, nogil=True)
+def _factor_point(
+    Q: Matrix, rate: float, y: Vector, rows: ObservationRows, part: tuple[int, int, float], L: Matrix, Z: Matrix
+) -> None:
+    """Cholesky factor L (3, 3) of the information of a point, and L^-1 times that of it with the columns, Z (11, 3).
+
+    part: its rows, begin and end, and the scale of Cauchy's function.
+    """
+    point, mixed = np.zeros((3, 3)), np.zeros((1 + COLUMNS, 3))
+    block, wide = np.empty((2, 8)), np.empty((2, _WIDE))
+    for k in range(part[0], part[1]):
+        if not linearize_row(Q, rate, y, rows, k, block):
+            continue
+        _widen(rate, y, rows, k, block, wide)
+        w = cauchy_weight(block, part[2])
+        for i in range(2):
+            for n in range(3):
+                p = w * wide[i, 1 + COLUMNS + n]
+                for m in range(3):
+                    point[m, n] += p * wide[i, 1 + COLUMNS + m]
+                for m in range(1 + COLUMNS):
+                    mixed[m, n] += p * wide[i, m]
+    factor_landmark(point, 0.0, L)
+    for m in range(1 + COLUMNS):
+        solve_lower(L, mixed[m], Z[m])
 
 
 @njit(cache=True, nogil=True)
@@ -150,13 +161,24 @@ def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
     return np.asarray(inverse @ (right / scale[:, None]) / scale[:, None])
 
 
+class GaussNewtonStep(NamedTuple):
+    """A step (S,) from an optimum and its covariance (S, S).
+
+    independent: the covariance if landmarks shared no errors at the same time.
+    """
+
+    step: Vector
+    covariance: Matrix
+    independent: Matrix
+
+
 def gauss_newton(
     solution: OrbitSolution, obs: Observations, cauchy_px: float, solved: NDArray[np.int64], bias_px: float
-) -> tuple[Vector, Matrix]:
-    """One step of the columns `solved` (S,) from an optimum, and its covariance (S, S).
+) -> GaussNewtonStep:
+    """One step of the columns `solved` (S,) from an optimum.
 
     The covariance treats only landmarks as independent (sandwich estimator, clusters = landmarks), is widened by the
-    errors that landmarks share at the same time (`common_variance`), and a common bias of corners of bias_px is added.
+    errors that they share at the same time (`common_variance`), and a common bias of corners of bias_px is added.
     """
     motion, rows = solution.motion, obs.rows
     every, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, rows, cauchy_px, 1)
@@ -170,7 +192,8 @@ def gauss_newton(
     whole = np.zeros(COLUMNS)
     whole[solved] = step
     influence = row_scores(motion.Q, motion.rate_hz, solution.y, rows, cauchy_px, whole)[:, solved] @ inverse
-    shared = common_variance(influence, rows, motion.rate_hz, len(solved))
+    shared = common_variance(influence, Timeline(rows.dt, rows.first, motion.rate_hz))
     ratio = np.sqrt(1 + shared / np.maximum(np.diag(independent), 1e-300))
     biased = bias_px * bias_sensitivity(information, solved)
-    return step, independent * np.outer(ratio, ratio) + biased @ biased.T
+    bias = biased @ biased.T
+    return GaussNewtonStep(step, independent * np.outer(ratio, ratio) + bias, independent + bias)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
-from esfo_backend.adjustment.common_errors import common_variance
+from esfo_backend.adjustment.common_errors import Timeline, common_variance
 from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, bias_sensitivity, reduced_equations, row_scores
 from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.projection import row_errors
@@ -31,8 +31,9 @@ def motion_covariance(
 
     marginal: (4, 4) for residuals of unit variance. Two estimates are made: for independent residuals of one variance,
     and for residuals that are independent between landmarks only (sandwich estimator, clusters = landmarks), because
-    errors are correlated along a track. The larger variance of each parameter is kept, because the sandwich estimate is
-    noisy for few landmarks. A bias of corners of standard deviation bias_px, common to all landmarks, is added as in a
+    errors are correlated along a track, and that landmarks may share at the same time (`common_variance`), as with a
+    camera that trembles. The larger variance of each parameter is kept, because the sandwich estimate is noisy for few
+    landmarks. A bias of corners of standard deviation bias_px, common to all landmarks, is added as in a
     Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where the marginal is.
     """
     motion = solution.motion
@@ -42,7 +43,7 @@ def motion_covariance(
     sandwich = small_sample * np.diag(marginal @ (score.T @ score) @ marginal)
     nothing = np.zeros(COLUMNS)
     influence = row_scores(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, nothing)[:, MOTION] @ marginal
-    sandwich = sandwich + common_variance(influence, obs.rows, motion.rate_hz, _MOTION_PARAMETERS)
+    sandwich = sandwich + common_variance(influence, Timeline(obs.rows.dt, obs.rows.first, motion.rate_hz))
     independent = _independent_variance(solution, obs, cauchy_px) * marginal
     ratio = np.sqrt(np.maximum(sandwich / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)

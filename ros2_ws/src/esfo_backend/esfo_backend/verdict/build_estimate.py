@@ -123,6 +123,7 @@ def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
         rate_change = RateSlope(
             slope * motion.rate_hz + rate_change.slope,
             float(np.hypot(rate_change.std, slope * covariance.rate_std_hz)),
+            rate_change.widened,
         )
     return Evidence(
         rate_hz=motion.rate_hz,

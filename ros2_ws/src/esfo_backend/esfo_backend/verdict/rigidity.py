@@ -178,7 +178,7 @@ def _segment(
         obs = obs.regroup(label)
     motion = solution.motion
     own = bundle_adjustment(motion, linear_points(motion, obs), obs, cauchy_px, iterations=_ITERATIONS)
-    _, covariance = gauss_newton(own, obs, cauchy_px, np.arange(COLUMNS)[MOTION], bias_px)
+    covariance = gauss_newton(own, obs, cauchy_px, np.arange(COLUMNS)[MOTION], bias_px).covariance
     if not np.isfinite(covariance).all():
         return None
     return np.asarray(Rot3.Logmap(Rot3(motion.Q.T @ own.motion.Q))), covariance[:3, :3] + 1e-12 * np.eye(3)

@@ -121,10 +121,10 @@ def test_an_object_of_40_px_has_ten_cells_in_any_sensor():
 
 def test_the_region_grows_with_what_moves_and_nothing_coarse_is_lost():
     small = random_events(7, 4000, 100 * MS, (60, 80, 20, 40), 0)
-    large = random_events(8, 100_000, 900 * MS, (0, 200, 0, 100), 100 * MS)
+    large = random_events(8, 100_000, 900 * MS, (15, 185, 8, 92), 100 * MS)
     level = next(a for a in pyramid_of(np.array_split(np.concatenate([small, large]), 20)).levels() if a.bin > 4 * MS)
     assert level.counts[:24].sum(dtype=int) == pytest.approx(4000, rel=0.05)
-    assert level.counts.shape[3] * level.cell >= 196
+    assert level.counts.shape[3] * level.cell >= 168
     assert max(level.counts.shape[2:]) <= 14
 
 
@@ -149,3 +149,17 @@ def test_bins_of_no_level_are_an_error():
         ActivityPyramid().add([Activity(0, 5 * MS, 4, np.zeros((1, 2, 3, 3), np.uint16))])
     with pytest.raises(ActivityError, match="not aligned"):
         ActivityPyramid().add([Activity(7, BINS[2], 4, np.zeros((1, 2, 3, 3), np.uint16))])
+
+
+def test_cells_that_a_growing_region_takes_in_were_not_dark():
+    """Noise everywhere, and an object that is seen on the left first, then on the right."""
+    noise = random_events(11, 40_000, 4000 * MS, (0, 200, 0, 100), 0)
+    left = random_events(12, 20_000, 2000 * MS, (20, 60, 20, 60), 0)
+    right = random_events(13, 80_000, 2000 * MS, (100, 160, 20, 60), 2000 * MS)
+    events = np.concatenate([noise, left, right])
+    events = events[np.argsort(events["t"], kind="stable")]
+    level = next(a for a in pyramid_of(np.array_split(events, 30)).levels() if a.bin > 60 * MS)
+    far = level.counts[:, :, :, -2:].sum(axis=(1, 2, 3), dtype=int)
+    assert level.counts.shape[3] * level.cell > 130
+    share = 2 * level.cell**2 * level.counts.shape[2] / (SIZE[0] * SIZE[1])
+    assert far[1:25].mean() == pytest.approx(40_000 / 4000 * level.bin / MS * share, rel=0.4)

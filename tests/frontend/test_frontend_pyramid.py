@@ -14,7 +14,7 @@ SIZE = (64, 48)
 def events_between(begin, end, seed=0, n=4000):
     rng = np.random.default_rng(seed)
     t = np.sort(rng.integers(begin, end, n))
-    return make_events(rng.integers(0, SIZE[0], n), rng.integers(0, SIZE[1], n), rng.integers(0, 2, n), t)
+    return make_events(rng.integers(6, SIZE[0] - 6, n), rng.integers(5, SIZE[1] - 5, n), rng.integers(0, 2, n), t)
 
 
 def level_of(outputs, bin_ns):

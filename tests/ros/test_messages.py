@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from esfo_backend.ros import messages as backend
 from esfo_bringup.replay import messages as replay
 from esfo_core.activity import Activity, ActivityError
+from esfo_core.activity_pyramid import BINS, ActivityPyramid
 from esfo_core.camera import Camera
 from esfo_core.codecs import decoder
 from esfo_core.errors import EsfoError, TracksError
@@ -23,6 +24,7 @@ from esfo_core.orbit import Spin, angle_between, rotation, tangent_basis
 from esfo_core.packets import EVENT_PACKET, packet_from_cdr
 from esfo_core.recordings.messages import camera_from_info
 from esfo_core.tracks import Tracks, TrackUpdate
+from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.labelled_corners import LabelledCorners
 from esfo_frontend.ros import messages as frontend
 from esfo_ros.time_stamps import from_stamp, to_stamp
@@ -119,6 +121,24 @@ def test_activity_arrives_in_pieces_that_join_to_the_whole():
     for message, part in zip(sent, parts, strict=True):
         assert replay.acknowledged_until(message) == part.end
         assert from_stamp(message.header.stamp) == part.end + 50
+
+
+def test_pieces_of_a_pyramid_arrive_without_their_missing_bins():
+    rng = np.random.default_rng(2)
+    counts = rng.integers(0, 9, (3000, 2, 8, 10)).astype(np.uint16)
+    valid = rng.random(3000) > 0.1
+    piece = Activity(BINS[3] * 77, BINS[3], 16, counts, valid)
+    output = FrontendOutput(
+        LabelledCorners.concatenate([]), TrackUpdate(Tracks.empty(), np.empty(0, np.uint32)), None, (piece,)
+    )
+    pyramid = ActivityPyramid()
+    pyramid.add(backend.activity_from(serialised(m)) for _, m in frontend.output_messages(output, 0, 50, "camera"))
+    [level] = pyramid.levels()
+    known = np.flatnonzero(valid)
+    assert level.t0 == piece.t0 + piece.bin * known[0]
+    inside = slice(known[0], known[-1] + 1)
+    assert np.array_equal(level.valid, valid[inside])
+    assert np.array_equal(level.counts, counts[inside] * valid[inside, None, None, None])
 
 
 @pytest.mark.parametrize("changes", [{"rows": 0}, {"columns": 7}, {"bin": 0}])

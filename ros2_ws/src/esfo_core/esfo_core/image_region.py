@@ -98,3 +98,13 @@ def moved(counts: NDArray[np.uint16], old: Region, new: Region) -> NDArray[np.ui
     summed = wide.reshape(len(counts), 2, new.rows, factor, new.columns, factor).sum(axis=(3, 5))
     merged: NDArray[np.uint16] = np.minimum(summed, np.iinfo(np.uint16).max).astype(np.uint16)
     return merged
+
+
+def summed(seen: NDArray[np.int64], region: Region) -> NDArray[np.int64]:
+    """Sums per cell of a region (2, rows, columns) of a histogram of the image in the smallest cells."""
+    step = region.cell // SMALLEST_CELL
+    top, left = region.row * step, region.column * step
+    rows, columns = region.rows * step, region.columns * step
+    part = seen[:, top : top + rows, left : left + columns]
+    full = np.pad(part, ((0, 0), (0, rows - part.shape[1]), (0, columns - part.shape[2])))
+    return np.asarray(full.reshape(2, region.rows, step, region.columns, step).sum(axis=(2, 4)))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from esfo_core.activity import Activity
 from esfo_core.activity_pyramid import BINS, WINDOW
 from esfo_core.events import EventArray
-from esfo_core.image_region import Region, box_of, moved, region_about, union
+from esfo_core.image_region import SMALLEST_CELL, Region, box_of, moved, region_about, summed, union
 
 FIRST_EVENTS = 2000
 """Events from which the region of the image is taken first; it is looked at again whenever they have doubled."""
@@ -43,10 +43,19 @@ class _LevelCounter:
         self.missing = np.zeros(WINDOW)
         self.region = region
 
-    def resize(self, region: Region) -> None:
-        """Go on with another region: on a coarse level with what was counted, on a fine one anew."""
+    def resize(self, region: Region, per_ns: NDArray[np.float64], now: int) -> None:
+        """Go on with another region: on a coarse level with what was counted, on a fine one anew.
+
+        per_ns (2, rows, columns): events per ns that cells had so far outside of the old region; now: time, ns. They
+        are spread evenly over the past, otherwise the cells would seem to have been dark.
+        """
         if self.start is not None and self.bin >= _CONTINUOUS:
             self.counts = moved(self.counts, self.region, region)
+            used = min(now // self.bin - self.start + 1, WINDOW)
+            share = (self.bin * per_ns).astype(np.float32)
+            bins = np.arange(used, dtype=np.float32)[:, None, None, None]
+            evenly = (np.floor((bins + 1) * share) - np.floor(bins * share)).astype(np.uint16)
+            self.counts[:used] = np.maximum(self.counts[:used] + evenly, self.counts[:used])
         else:
             self.counts = np.zeros((WINDOW, 2, region.rows, region.columns), np.uint16)
             self.start, self.events = None, 0
@@ -109,6 +118,9 @@ class PyramidCounter:
     def __init__(self, width: int, height: int) -> None:
         self._size = (width, height)
         self._x, self._y = np.zeros(width, np.int64), np.zeros(height, np.int64)
+        self._seen = np.zeros((2, -(-height // SMALLEST_CELL), -(-width // SMALLEST_CELL)), np.int64)
+        self._first = self._checked = 0
+        self._seen_then = self._seen.copy()
         self._total, self._check_at = 0, FIRST_EVENTS
         self._waiting: list[EventArray] = []
         self._gaps: list[tuple[int, int]] = []
@@ -122,10 +134,11 @@ class PyramidCounter:
         while len(events):
             n = min(len(events), self._check_at - self._total)
             self._take_in(events[:n])
-            events = events[n:]
+            now, events = int(events["t"][n - 1]), events[n:]
             if self._total == self._check_at:
                 self._check_at *= 2
                 self._look_again()
+                self._seen_then, self._checked = self._seen.copy(), now
 
     def miss(self, begin: int, end: int) -> None:
         """Note that events of [begin, end) ns are missing. Told after the events before it, before those after it."""
@@ -157,7 +170,9 @@ class PyramidCounter:
                 self._pieces += level.give(self._last // level.bin - level.start + 1)
 
     def _take_in(self, events: EventArray) -> None:
+        self._first = int(events["t"][0]) if self._total == 0 else self._first
         self._total += len(events)
+        _see(self._seen, events["x"], events["y"], events["p"])
         self._x += np.bincount(events["x"], minlength=len(self._x))
         self._y += np.bincount(events["y"], minlength=len(self._y))
         if self._region is None:
@@ -177,10 +192,22 @@ class PyramidCounter:
         elif self._total <= _SHRINKS_UNTIL and 2 * wanted.longer < region.longer:
             self._restart(wanted)
         elif not region.holds(box):
-            self._region = union(region, wanted)
-            for level in self._levels:
-                level.resize(self._region)
-            self._pieces = []
+            self._grow(region, union(region, wanted))
+
+    def _grow(self, old: Region, new: Region) -> None:
+        """Count a larger region, of which the part outside of the old one has not been counted so far.
+
+        What was seen there until the look before is taken for noise; later events may be of what made it grow.
+        """
+        now = self._last or self._first
+        outside = self._seen_then.copy()
+        step = old.cell // SMALLEST_CELL
+        top, left = old.row * step, old.column * step
+        outside[:, top : top + old.rows * step, left : left + old.columns * step] = 0
+        per_ns = summed(outside, new) / max(self._checked - self._first, 1)
+        for level in self._levels:
+            level.resize(new, per_ns, now)
+        self._region, self._pieces = new, []
 
     def _restart(self, region: Region) -> None:
         self._region, self._pieces = region, []
@@ -230,6 +257,13 @@ def _cells(x, y, p, region):  # type: ignore[no-untyped-def]
         inside = 0 <= r < rows and 0 <= c < columns
         found[i] = (np.int64(p[i]) * rows + r) * columns + c if inside else -1
     return found
+
+
+@njit(cache=True, nogil=True)
+def _see(seen, x, y, p):  # type: ignore[no-untyped-def]
+    """Add events to a histogram of (polarity, row, column) in the smallest cells."""
+    for i in range(len(x)):
+        seen[p[i], y[i] // SMALLEST_CELL, x[i] // SMALLEST_CELL] += 1
 
 
 @njit(cache=True, nogil=True)

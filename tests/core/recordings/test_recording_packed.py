@@ -6,7 +6,9 @@ import bz2
 import gzip
 import io
 import lzma
+import os
 import tarfile
+import threading
 import zipfile
 from pathlib import Path
 
@@ -75,7 +77,7 @@ def test_any_format_in_any_package(tmp_path, kind, end):
         recording, chunks = everything(target)
         assert (np.concatenate(chunks) == EVENTS).all()
         assert recording.named_path == target
-        folder = Path(recording.unpacked_to.name)
+        folder = Path(recording.unpacked_to[0].name)
         assert folder.exists()
         del recording
         assert not folder.exists()
@@ -118,3 +120,21 @@ def test_bags_compressed_by_message(tmp_path):
     recording, chunks = everything(write_bag(tmp_path / "a.mcap", messages))
     assert (np.concatenate(chunks) == EVENTS).all()
     assert recording.statistics.packets_damaged == 0
+
+
+@pytest.mark.parametrize("kind", ["mcap", "raw", "npy"])
+@pytest.mark.parametrize("pack", [bytes, gzip.compress])
+def test_a_pipe_is_read(tmp_path, kind, pack):
+    content = pack(plain(tmp_path, kind).read_bytes())
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(content,))
+    writer.start()
+    recording, chunks = everything(pipe)
+    writer.join()
+    assert (np.concatenate(chunks) == EVENTS).all()
+    assert recording.named_path == pipe
+
+
+def test_a_device_is_refused():
+    expect_error(Path("/dev/null"), "is neither a file, nor a folder, nor a pipe")

@@ -33,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     """Copy all events, the camera and the offset of the host's clock; external triggers are left out."""
     if args.output.suffix != ".mcap":
         raise CommandError(f"{args.output} does not end in .mcap")
-    recording = opened(args)
+    recording = opened(args, args.camera)
     if args.output.exists() and args.output.samefile(args.recording):
         raise CommandError(f"{args.output} is the recording itself")
     camera = choose_camera(recording, str(args.camera or ""))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
+from esfo_core.camera import Camera
 from esfo_core.options import fields_of, parse_assignments, replace
 from esfo_core.recordings import Recording, open_recording
 from esfo_core.recordings.reading_options import ReadingOptions
@@ -28,6 +30,13 @@ def add_assignments(parser: argparse.ArgumentParser, meaning: str) -> None:
     parser.add_argument("-p", dest="set", action="append", default=[], metavar="NAME:=VALUE", help=meaning)
 
 
-def opened(args: argparse.Namespace) -> Recording:
-    """Open the recording that the arguments name. Raises RecordingError and OptionError."""
-    return open_recording(args.recording, args.topic, replace(ReadingOptions(), parse_assignments(args.set)))
+def opened(args: argparse.Namespace, camera_file: Path | None = None) -> Recording:
+    """Open the recording that the arguments name; a camera file tells the sensor size where no option does.
+
+    Raises RecordingError, OptionError and CameraError.
+    """
+    options = replace(ReadingOptions(), parse_assignments(args.set))
+    if camera_file is not None and options.size is None:
+        camera = Camera.read_yaml(camera_file)
+        options = dataclasses.replace(options, width=camera.width, height=camera.height)
+    return open_recording(args.recording, args.topic, options)

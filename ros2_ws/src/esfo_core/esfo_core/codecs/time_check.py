@@ -178,6 +178,27 @@ class TimeCheck:
         return events
 
 
+def without_outliers(parts: list[EventArray]) -> tuple[list[EventArray], int]:
+    """Check the parts of one packet by themselves: those whose times hold, and the number of events dropped.
+
+    So a live stream does not wait for the next packet; an outlier at the end of its packet is not found.
+    Raises RecordingError as `TimeCheck`.
+    """
+    check = TimeCheck()
+    checked = [pair for part in parts for pair in check.push(part)] + list(check.flush())
+    joined: list[list[EventArray]] = []
+    for part, anew in checked:
+        if anew or not joined:
+            joined.append([])
+        joined[-1].append(part)
+    return [_sorted(together) for together in joined], check.outliers
+
+
+def _sorted(parts: list[EventArray]) -> EventArray:
+    together = np.concatenate(parts)
+    return together[np.argsort(together["t"], kind="stable")] if len(parts) > 1 else parts[0]
+
+
 def _is_outlier(start: _Stretch, later: list[_Stretch]) -> bool:
     """Whether the start of a stream is one: what follows is behind it, and it is a lone event or is caught up with."""
     if not later or any(stretch.ahead for stretch in later):

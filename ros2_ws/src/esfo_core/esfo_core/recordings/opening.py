@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -64,7 +65,7 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     except (RecordingError, CameraError) as error:
         raise type(error)(f"{path}: {error}") from error
     except OSError as error:
-        raise RecordingError(f"{error.filename or path}: {error.strerror}") from error
+        raise RecordingError(f"{error.filename or path}: {error.strerror or error}") from error
     recording.wanted_segment = options.segment
     return recording
 
@@ -72,14 +73,31 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
 def _open(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
     if path.is_dir():
         return _open_folder(path, topic, options)
+    if path.exists() and not path.is_file():
+        return _from_pipe(path, topic, options)
     start = _first_bytes(path)
     if start.startswith(PACKED) and not (start.startswith(b"PK") and is_npz(path)) and not _is_packed_text(path):
         folder = TemporaryDirectory(prefix="esfo_")
         inner = _with_its_suffix(unpack(path, Path(folder.name)))
         recording = _open(inner, topic, options)
-        recording.unpacked_from, recording.unpacked_to = path, folder
+        recording.unpacked_from = path
+        recording.unpacked_to.append(folder)
         return recording
     return _open_file(path, start, topic, options)
+
+
+def _from_pipe(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
+    """Read a pipe to its end first: recordings are read from their start more than once."""
+    if not path.is_fifo():
+        raise RecordingError("is neither a file, nor a folder, nor a pipe")
+    folder = TemporaryDirectory(prefix="esfo_")
+    copy = Path(folder.name) / path.name
+    with path.open("rb") as pipe, copy.open("wb") as out:
+        shutil.copyfileobj(pipe, out)
+    recording = _open(_with_its_suffix(copy), topic, options)
+    recording.unpacked_from = path
+    recording.unpacked_to.append(folder)
+    return recording
 
 
 def _is_packed_text(path: Path) -> bool:
@@ -143,7 +161,7 @@ def _open_folder(path: Path, topic: str | None, options: ReadingOptions) -> Reco
     for file in files:
         _first_bytes(file)
     recording = BagRecording(path, files, kinds[files[0].suffix], topic, options)
-    recording.unpacked_to = folder
+    recording.unpacked_to += [folder] if folder else []
     return recording
 
 

@@ -87,8 +87,8 @@ class Recording(ABC):
     size_bytes: size of the file or files. statistics: filled by the latest call of `chunks`.
     wanted_segment: number of the segment that `chunks` is to yield, of a recording whose clock is set back; 0 is the
     first. segment: the one that it yields, once that is known.
-    unpacked_from, unpacked_to: the compressed file and the temporary folder that the recording was unpacked to, None
-    where it was not compressed as a whole.
+    unpacked_from: the compressed file or the pipe that the recording was unpacked from, None where it was none.
+    unpacked_to: the temporary folders that it lies in; they go with this object.
     unusable_camera: what is wrong with the calibration stored with the events, None where all is well.
     """
 
@@ -104,7 +104,7 @@ class Recording(ABC):
         self.segment = 0
         self.unusable_camera: EsfoError | None = None
         self.unpacked_from: Path | None = None
-        self.unpacked_to: TemporaryDirectory[str] | None = None
+        self.unpacked_to: list[TemporaryDirectory[str]] = []
         self.statistics = RecordingStatistics()
         self._camera: Camera | None = None
 
@@ -149,7 +149,7 @@ class Recording(ABC):
         except RecordingError as error:
             raise RecordingError(f"{self.named_path}: {error}") from error
         except OSError as error:
-            raise RecordingError(f"{self.named_path}: {error.strerror}") from error
+            raise RecordingError(f"{self.named_path}: {error.strerror or error}") from error
         if self.segment >= self.statistics.segments:
             back = self.statistics.segments - 1
             raise RecordingError(f"{self.named_path}: no segment {self.segment}: the clock is set back {back} times")

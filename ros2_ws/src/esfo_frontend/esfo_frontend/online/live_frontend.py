@@ -9,6 +9,7 @@ import numpy as np
 
 from esfo_core.camera import SensorSize
 from esfo_core.codecs import MAX_STEP_BACK, Decoder, decoder
+from esfo_core.codecs.time_check import without_outliers
 from esfo_core.errors import EsfoError, RecordingError
 from esfo_core.events import NS_PER_S, EventArray, empty_events
 from esfo_core.options import option
@@ -188,6 +189,9 @@ class LiveFrontend:
             self._decoder.resynchronise()
             raise
         self.totals.packets += 1
+        if len(parts) > 1:
+            parts, outliers = without_outliers(parts)
+            self.totals.outliers += outliers
         return parts
 
     def _end_if_back(self, events: EventArray, most_late: int) -> Iterator[FrontendOutput]:

@@ -12,7 +12,8 @@ class LiveTotals:
     packets taken in; lost: missing by their sequence numbers; unreadable: skipped; stale: skipped, because they were
     repeated or overtaken by others. restarts: streams that ended because their time went back far; renumbered: times
     that the sequence numbers began anew. events taken in; late: dropped, because they are older than events before
-    them. observations and activity_bins that came out. alive: ids of the tracks that have rows and did not end.
+    them; outliers: dropped, because those around them in their packet contradict their time. observations and
+    activity_bins that came out. alive: ids of the tracks that have rows and did not end.
     """
 
     packets: int = 0
@@ -23,6 +24,7 @@ class LiveTotals:
     renumbered: int = 0
     events: int = 0
     late: int = 0
+    outliers: int = 0
     observations: int = 0
     activity_bins: int = 0
     alive: set[int] = field(default_factory=set)
@@ -44,6 +46,7 @@ class Health:
     restarts: int
     renumbered: int
     late: int
+    outliers: int
     clock_jumps: int
 
     @staticmethod
@@ -62,6 +65,7 @@ class Health:
             "restarts": "streams ended because the time of the events went back",
             "renumbered": "restarts of the packet numbers: losses at these are not known",
             "late": "late events dropped",
+            "outliers": "events at times that those around them contradict, dropped",
             "clock_jumps": "jumps between the clocks of sensor and host",
         }
         counts = {name: getattr(self, name) - getattr(earlier, name) for name in texts}

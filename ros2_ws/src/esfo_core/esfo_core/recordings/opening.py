@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import yaml
 
 from esfo_core.errors import CameraError, RecordingError
+from esfo_core.recordings.aedat2 import MAGIC as AEDAT2
+from esfo_core.recordings.aedat2 import Aedat2Recording
 from esfo_core.recordings.aedat4 import MAGIC as AEDAT4
 from esfo_core.recordings.aedat4 import Aedat4Recording
 from esfo_core.recordings.bag import BagRecording
 from esfo_core.recordings.byte_stream import COMPRESSED
+from esfo_core.recordings.event_stream import MAGIC as EVENT_STREAM
+from esfo_core.recordings.event_stream import EventStreamRecording
 from esfo_core.recordings.hdf5 import MAGIC as HDF5
 from esfo_core.recordings.hdf5 import Hdf5Recording
 from esfo_core.recordings.numpy_files import MAGIC as NUMPY
@@ -53,7 +58,8 @@ def open_recording(path: Path, topic: str | None = None, options: ReadingOptions
     """Open an event recording of any known format, told by its first bytes.
 
     path: a ROS 2 bag (folder, `.mcap` or `.db3` file), a ROS 1 bag (`.bag`), a Prophesee RAW (EVT2, EVT2.1, EVT3) or
-    DAT file, an AEDAT4 file, an HDF5 or NumPy file, or text; any of these plain or compressed as a whole.
+    DAT file, an AEDAT 2.0 or 4 file, an Event Stream, an HDF5 or NumPy file, or text; any of these plain or compressed
+    as a whole.
     topic: which event topic of a bag or stream of an AEDAT4 file, needed only when it has several.
     options: what the file does not tell.
 
@@ -105,7 +111,7 @@ def _is_packed_text(path: Path) -> bool:
     start = packed_start(path, 512)
     if not start:  # a ZIP archive
         return not any(name.lower().endswith(_RECORDING_SUFFIXES) for name in names_in(path))
-    known = (*_BAG_KINDS, b"% ", b"#!AER-DAT")
+    known = (*_BAG_KINDS, b"% ", b"#!AER-DAT", EVENT_STREAM)
     compressed_stream = _first_bytes(path).startswith(COMPRESSED)
     return compressed_stream and not is_archive(start) and not start.startswith(known) and b"\0" not in start
 
@@ -125,19 +131,35 @@ def _open_file(path: Path, start: bytes, topic: str | None, options: ReadingOpti
             if path.suffix != suffix:
                 raise RecordingError(f"holds a {kind}, which needs the extension {suffix}")
             return BagRecording(path, [path], kind, topic, options)
+    opener = next((opener for magic, opener in _OPENERS.items() if start.startswith(magic)), None)
+    if opener is not None:
+        return opener(path, topic, options)
     if start.startswith(b"% ") and (has_format(path) or not _TEXT.issuperset(start)):
         return PropheseeRecording(path, options)
-    if start.startswith(AEDAT4):
-        return Aedat4Recording(path, topic)
-    if start.startswith(HDF5):
-        return Hdf5Recording(path, topic, options)
-    if start.startswith(NUMPY) or (start.startswith(b"PK") and is_npz(path)):
-        return NumpyRecording(path, options)
-    if start.startswith(b"#!AER-DAT"):
-        raise RecordingError(f"AEDAT of version {start[9:12].decode('ascii', 'replace')} is not read, only 4.0")
     if start.startswith(COMPRESSED) or _TEXT.issuperset(start.removeprefix(_BYTE_ORDER_MARK)):
         return TextRecording(path, options)
     raise RecordingError(f"not a recording of a known format (it starts with {start[:12]!r})")
+
+
+def _open_zip(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
+    return NumpyRecording(path, options) if is_npz(path) else TextRecording(path, options)
+
+
+def _refuse_aedat(path: Path, topic: str | None, options: ReadingOptions) -> Recording:
+    version = _first_bytes(path)[9:12].decode("ascii", "replace")
+    raise RecordingError(f"AEDAT of version {version} is not read, only 2.0 and 4.0")
+
+
+_OPENERS: dict[bytes, Callable[[Path, str | None, ReadingOptions], Recording]] = {
+    AEDAT4: lambda path, topic, options: Aedat4Recording(path, topic),
+    AEDAT2: lambda path, topic, options: Aedat2Recording(path, options),
+    b"#!AER-DAT": _refuse_aedat,
+    HDF5: Hdf5Recording,
+    NUMPY: lambda path, topic, options: NumpyRecording(path, options),
+    b"PK": _open_zip,
+    EVENT_STREAM: lambda path, topic, options: EventStreamRecording(path),
+}
+"""Readers by the first bytes of a file."""
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -162,6 +162,27 @@ def text(folder: Path, events: EventArray) -> Case:
     return Case("CSV", path, "", (0, 0), [])
 
 
+def numpy_file(folder: Path, events: EventArray) -> Case:
+    """A NumPy file of a structured array, times in nanoseconds."""
+    path = folder / "file.npy"
+    np.save(path, events)
+    return Case("NumPy, structured", path, "", (0, 0), [])
+
+
+def event_stream(folder: Path, events: EventArray) -> Case:
+    """An Event Stream file of DVS events."""
+    path = folder / "file.es"
+    steps = np.diff(events["t"] // 1000, prepend=0)
+    count = len(events)
+    words = np.empty((count, 5), np.uint8)
+    words[:, 0] = steps << 1 | events["p"]  # fewer than 127 us from one event to the next
+    words[:, 1:3] = events["x"][:, None].astype("<u2").view(np.uint8)
+    words[:, 3:5] = (HEIGHT - 1 - events["y"])[:, None].astype("<u2").view(np.uint8)
+    size = np.array([WIDTH, HEIGHT], "<u2").tobytes()
+    path.write_bytes(b"Event Stream\2\0\0\1" + size + words.tobytes())
+    return Case("Event Stream", path, "", (0, 0), [])
+
+
 def recorded(name: str) -> Iterator[Case]:
     """A recording beside the repository, where it is there."""
     path = DATA / name
@@ -190,7 +211,7 @@ def all_cases(folder: Path, count: int) -> list[Case]:
     cases += [bag(folder, "evt3, scattered", single, "evt3"), bag(folder, "evt3, rows", runs, "evt3")]
     cases += [raw(folder, single), dat(folder, single)]
     cases += [event_arrays(folder, single, ros1) for ros1 in (True, False)]
-    cases += [text(folder, single[: count // 5])]
+    cases += [text(folder, single[: count // 5]), numpy_file(folder, single), event_stream(folder, single)]
     cases += [case for path in RECORDED for case in recorded(path)]
     return cases
 

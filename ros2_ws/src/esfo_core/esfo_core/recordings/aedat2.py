@@ -71,7 +71,7 @@ class Aedat2Recording(Recording):
 
 def _header(file: BinaryIO) -> tuple[str, int]:
     """Return the lines that begin with #, and the position after them."""
-    lines = []
+    lines: list[str] = []
     position = 0
     while True:
         line = file.readline(_LONGEST_LINE)

@@ -16,7 +16,7 @@ from esfo_backend.adjustment.factor_graph import GraphOptimum, optimise_graph
 from esfo_backend.errors import BackendError
 from esfo_backend.initialise.axis_search import search_axis
 from esfo_backend.initialise.initialisation import Initialisation, initialise
-from esfo_backend.initialise.rate_evidence import RateComparison, compare_rates
+from esfo_backend.initialise.rate_evidence import RateComparison, compare_rates, second_axis_z
 from esfo_backend.landmarks.landmarks import Landmarks, build_landmarks, drop_far, prune
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.observations import Observations, observations
@@ -31,6 +31,7 @@ from esfo_backend.verdict.build_estimate import (
     build_estimate,
     most_reobserved,
     reobserved,
+    with_axis_comparison,
     with_comparisons,
     with_stream_rate,
 )
@@ -186,6 +187,8 @@ def _evaluate(hypothesis: RateHypothesis, data: SearchInput, watch: Stopwatch, t
         return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids)
     with watch.stage("initialisation"):
         comparisons = _compare(hypothesis, prepared, data)
+        axis_z = second_axis_z(prepared.initialisation, prepared.obs, data.options.initialisation)
+    estimate = with_axis_comparison(estimate, axis_z, data.options.verdict)
     estimate = with_comparisons(estimate, comparisons, data.options.verdict)
     return Candidate(hypothesis, estimate, prepared.initialisation, landmarks, prepared.track_ids, comparisons)
 

@@ -1,4 +1,4 @@
-"""Whether the tracks fit a rate better than other rates, by Vuong's test of non-nested models.
+"""Whether the tracks fit a rate, and an axis, better than others, by Vuong's test of non-nested models.
 
 The event stream cannot tell the period of a symmetric object from its multiples, and sampling may alias it. The tracks
 can: at another rate the same image motion needs another geometry. For each track the robust cost at two rates is
@@ -17,6 +17,7 @@ import numpy as np
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.errors import BackendError
 from esfo_backend.initialise.axis_search import search_axis
+from esfo_backend.initialise.initialisation import Initialisation
 from esfo_backend.options import InitialisationOptions
 from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.parametrization import Motion
@@ -59,6 +60,18 @@ def compare_rates(
         cost = track_costs(other, sample, options.cauchy_px)
         found.append(RateComparison(rate_hz, vuong_z(own, cost), float(cost.sum() / max(own.sum(), 1e-12))))
     return tuple(found)
+
+
+def second_axis_z(initialisation: Initialisation, obs: Observations, options: InitialisationOptions) -> float:
+    """By how many standard errors the tracks fit the axis better than the next best one; infinite where there is none.
+
+    obs: one landmark per track, of the initialisation.
+    """
+    second = initialisation.second
+    if second is None:
+        return float("inf")
+    own = track_costs(initialisation.solution, obs, options.cauchy_px)
+    return vuong_z(own, track_costs(second, obs, options.cauchy_px))
 
 
 def _held(motion: Motion, sample: Observations, options: InitialisationOptions) -> OrbitSolution:

@@ -163,6 +163,21 @@ def _alternatives(rate: SpinRate, initialisation: Initialisation) -> tuple[Alter
     return tuple(found)
 
 
+def with_axis_comparison(estimate: OrbitEstimate, z: float, options: VerdictOptions) -> OrbitEstimate:
+    """Return the estimate, degenerate where the tracks do not prefer its axis to the next best one by `rate_z`.
+
+    z: by how many standard errors they do. The rate, and for a mirrored axis its image, hold all the same; the other axis is among the alternatives.
+    """
+    if estimate.spin is None or z >= options.rate_z:
+        return estimate
+    flags = estimate.flags if "mirror_ambiguous" in estimate.flags else (*estimate.flags, "mirror_ambiguous")
+    reason = (
+        f"the tracks do not tell two axes apart: they fit the one better by {z:.1f} standard errors, "
+        f"{options.rate_z:g} are needed"
+    )
+    return replace(estimate, status="degenerate", level="image_axis", flags=flags, reason=estimate.reason or reason)
+
+
 def with_comparisons(
     estimate: OrbitEstimate, comparisons: Sequence[RateComparison], options: VerdictOptions
 ) -> OrbitEstimate:

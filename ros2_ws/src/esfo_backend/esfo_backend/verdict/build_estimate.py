@@ -166,7 +166,8 @@ def _alternatives(rate: SpinRate, initialisation: Initialisation) -> tuple[Alter
 def with_axis_comparison(estimate: OrbitEstimate, z: float, options: VerdictOptions) -> OrbitEstimate:
     """Return the estimate, degenerate where the tracks do not prefer its axis to the next best one by `rate_z`.
 
-    z: by how many standard errors they do. The rate, and for a mirrored axis its image, hold all the same; the other axis is among the alternatives.
+    z: by how many standard errors they do. The rate, and for a mirrored axis its image, hold all the same; the other
+    axis is among the alternatives.
     """
     if estimate.spin is None or z >= options.rate_z:
         return estimate

@@ -1,7 +1,7 @@
 # make alone lists the targets.
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint docs bench clean
+.PHONY: help setup demo test lint docs mutate bench clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
@@ -20,6 +20,9 @@ lint: setup ## check style and types
 
 docs: setup ## build the documentation site, without a network, into site/
 	@source scripts/env.sh && NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
+
+mutate: setup ## try mutants of a room on its tests: make mutate ROOM=orbit COUNT=40 (0: all mutants)
+	@source scripts/env.sh && python scripts/mutate.py $(or $(ROOM),all) $(or $(COUNT),40)
 
 bench: setup ## run all benchmarks (hours) and update docs/benchmarks.md
 	@source scripts/env.sh && python benchmarks/document.py --all

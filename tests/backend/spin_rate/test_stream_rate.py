@@ -95,6 +95,18 @@ def test_a_nearly_symmetric_object_keeps_its_period():
     assert doubled[0].z > 3
 
 
+def test_turns_that_are_alike_are_not_told_apart_by_where_their_bins_lie():
+    """Seven turns are a whole number of bins here, and events are so many that what interpolation lacks is seen."""
+    found = stream_rate(levels_of(turning_events(0.1, 60.0, seed=1, events=40_000)))
+    assert abs(found.rate_hz - 0.1) < PULL * found.rate_std_hz
+
+
+def test_a_rotation_of_which_light_is_a_multiple_in_three_turns_is_not_taken_for_these():
+    events = merged(turning_events(30.0, 40.0, events=3000), flicker_events(40 / 30, 100.0, 60_000))
+    found = stream_rate(levels_of(events))
+    assert abs(found.rate_hz - 30.0) < PULL * found.rate_std_hz
+
+
 def test_an_object_of_40_px_in_a_large_sensor_and_noise():
     size = (1280, 720)
     events = turning_events(30.0, 8.0, radius=20.0, points=8, size=size)

@@ -20,6 +20,9 @@ _MOST_STEP = 1.0
 """Bins by which the last turn may move in one step: shifts are linear in a part of the width of what moves."""
 _GROUPS = 16
 """Groups of neighbouring phases, and of cells, whose scatter gives the standard deviation."""
+_LEAST_DIFFERENCE = 0.005
+"""Share of the variance of a turn in which turns must differ. Values between two bins are not exact to a thousandth,
+and where so many turns are a whole number of bins, that repeats, too."""
 _FEWEST_TURNS = 4
 """Turns from which their own scatter is measured, too: a rate that wanders, a camera that trembles."""
 
@@ -102,16 +105,19 @@ def class_difference(folded: Folded, classes: int) -> float:
     if turns >= 4 * classes:
         half = turns // 2 // classes * classes
         halves = [_class_means(folded, first, half, classes) for first in (0, half)]
-        product = (halves[0] * halves[1]).sum(axis=(0, 2), dtype=np.float64)
+        product = (halves[0] * halves[1]).sum(axis=(0, 2), dtype=np.float64) / classes
+        mean = folded.rows.sum(axis=0) / np.maximum(folded.weight.sum(axis=0), 1)[:, None]
+        power = float((mean**2).sum(dtype=np.float64))
     elif turns > classes:
         n = turns - classes
         w = folded.weight[:n] * folded.weight[1 : n + 1] * folded.weight[classes:]
         gap = folded.rows[classes:] - folded.rows[1 : n + 1]
         product = ((folded.rows[:n] * gap).sum(axis=2) * w).sum(axis=0, dtype=np.float64)
+        power = float(((folded.rows[:n] ** 2).sum(axis=2) * w).sum(dtype=np.float64))
         product = product[w.any(axis=0)]
     else:
         return 0.0
-    if len(product) < _GROUPS:
+    if len(product) < _GROUPS or product.sum() < _LEAST_DIFFERENCE * power:
         return 0.0
     groups = np.array([g.sum() for g in np.array_split(product, _GROUPS)])
     spread = np.sqrt(((groups - groups.mean()) ** 2).sum() * len(groups) / (len(groups) - 1))

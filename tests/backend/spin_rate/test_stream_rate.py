@@ -197,6 +197,21 @@ def test_deviations_are_those_of_the_errors():
     assert np.abs(pulls).max() < PULL
 
 
+def test_a_small_difference_of_every_other_turn_makes_two_of_them_one():
+    alike, other = turning_events(2.0, 8.3, 1, points=15, fold=2, events=6000), turning_events(2.0, 8.3, 5, points=3)
+    found = stream_rate(levels_of(merged(alike, other[::13])))
+    assert abs(found.rate_hz - 2.0) < PULL * found.rate_std_hz
+
+
+def test_refinement_corrects_a_period_that_is_off():
+    lag = 40.37
+    t = np.arange(400)[:, None] / lag
+    rows = np.sin(2 * np.pi * (t * np.array([1, 2, 3]) + np.array([0, 0.2, 0.7])))
+    rows = (rows + np.random.default_rng(0).normal(0, 0.1, rows.shape)).astype(np.float32)
+    found = refine(Features(0, 1, rows, np.ones(400, bool), 1, 1.0), lag * 1.004)
+    assert abs(found.lag - lag) < PULL * found.lag_std < 0.04
+
+
 def test_refinement_needs_a_phase_seen_twice():
     rows = np.random.default_rng(0).normal(size=(90, 4)).astype(np.float32)
     assert refine(Features(0, 1, rows, np.ones(90, bool), 1, 1.0), 95.0) is None

@@ -170,6 +170,7 @@ def _measure(
     if classes > 1:
         again = refine(part, classes * refined.lag)
         refined = again or refined
+        r = max(r, _correlation_at(part, refined.lag))
     rate = NS_PER_S / part.bin / refined.lag
     change, change_std = _change(refined)
     return StreamRate(

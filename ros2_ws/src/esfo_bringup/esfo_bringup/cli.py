@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from esfo_bringup import __version__
 from esfo_bringup.commands import COMMANDS, add_command
@@ -30,7 +31,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stderr.write(error_line(error))
         return 1
     except OSError as error:
-        sys.stderr.write(f"esfo: {error.filename}: {error.strerror}\n")
+        sys.stderr.write(f"esfo: {error.filename or 'a file'}: {error.strerror or error}\n")
         return 1
     except KeyboardInterrupt:
         sys.stderr.write("esfo: interrupted\n")
@@ -46,6 +47,9 @@ def console() -> None:
     """Entry point of the process; a reader that closes the pipe early is not an error."""
     # Importing pycolmap makes SIGTERM print a stack dump and abort.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for stream in (sys.stdout, sys.stderr):  # names of files may be in another encoding than the terminal's
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = main()
         sys.stdout.flush()

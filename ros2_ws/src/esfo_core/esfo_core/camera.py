@@ -229,4 +229,4 @@ class Camera:
             "rectification_matrix": matrix(np.eye(3)),
             "projection_matrix": matrix(P),
         }
-        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+        path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")

@@ -158,7 +158,7 @@ class OrbitEstimate:
 
     def write_json(self, path: Path, versions: dict[str, str]) -> None:
         """Write `orbit.json`."""
-        path.write_text(json.dumps(self.to_json(versions), indent=2, allow_nan=False) + "\n")
+        path.write_text(json.dumps(self.to_json(versions), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def _rate_fields(rate: RateEstimate | None) -> dict[str, float] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from platform import python_version
@@ -27,11 +29,26 @@ def write_result_files(folder: Path, estimate: OrbitEstimate, tracks: Tracks) ->
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        estimate.write_json(folder / "orbit.json", versions())
-        tracks.write_csv(folder / "tracks.csv")
         points = folder / "points.ply"
         points.unlink(missing_ok=True)
-        if len(estimate.points):
-            write_points(points, estimate.points)
     except OSError as error:
         raise EsfoError(f"{error.filename or folder}: {error.strerror}") from error
+    with whole_file(folder / "orbit.json") as path:
+        estimate.write_json(path, versions())
+    with whole_file(folder / "tracks.csv") as path:
+        tracks.write_csv(path)
+    if len(estimate.points):
+        with whole_file(points):
+            write_points(points, estimate.points)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Remove a file that could not be written to its end, and raise EsfoError with its path."""
+    try:
+        yield path
+    except OSError as error:
+        if path.is_file():
+            with suppress(OSError):
+                path.unlink()
+        raise EsfoError(f"{path}: {error.strerror or error}") from error

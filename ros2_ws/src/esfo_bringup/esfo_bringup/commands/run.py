@@ -14,9 +14,11 @@ from esfo_bringup.offline.pipeline import run_offline, track_offline
 from esfo_bringup.offline.source import Source
 from esfo_bringup.result_bag.opening import CONTENTS, EventRecorder, ResultBag
 from esfo_bringup.results.event_image import EventImage
+from esfo_bringup.results.summary import summary
 from esfo_bringup.settings import RunSettings
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
+from esfo_core.errors import EsfoError
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.trackers import Statistics
@@ -63,12 +65,19 @@ def execute(args: argparse.Namespace) -> int:
         bag.finish(result)
         from esfo_bringup.results.files import write_results
 
-        write_results(result, source, event_image, activity, args.output)
+        failure: EsfoError | None = None
+        try:
+            write_results(result, source, event_image, activity, args.output)
+        except EsfoError as error:
+            failure = error  # what was computed is printed all the same
     _print_reading(source)
     if result.statistics is not None:
         _print_statistics(result.statistics)
     if bag.problem:
         print(f"not written {bag.path}: {bag.problem}")
+    if failure is not None:
+        print("\n".join(summary(result)))
+        raise failure
     bags = [bag.path.name] if bag.path.exists() else []
     return report(result, args.output, ["orbit.json", "report.html", *bags])
 
@@ -103,6 +112,8 @@ def _track(source: Source, settings: RunSettings, folder: Path) -> int:
 
 def _print_reading(source: Source) -> None:
     read = source.recording.statistics
+    if read.outliers:
+        print(f"recording   {read.outliers} events at times that those around them contradict, dropped")
     if read.segments > 1:
         print(
             f"recording   segment {source.recording.segment} of {read.segments}: the clock is set back, see esfo info"

@@ -12,7 +12,7 @@ from esfo_bringup.results.figures import draw_checks, draw_events
 from esfo_bringup.results.rate_over_time import rate_over_time
 from esfo_bringup.results.report import write_report
 from esfo_core.activity import Activity
-from esfo_core.result_files import versions, write_result_files
+from esfo_core.result_files import versions, whole_file, write_result_files
 
 _DPI = 100
 
@@ -24,14 +24,17 @@ def write_results(
 
     event_image, activity: of the events of the source.
 
-    Raises EsfoError when a file cannot be written, OSError when a figure cannot.
+    Raises EsfoError when a file cannot be written; no half file stays.
     """
     estimate = result.estimate
     write_result_files(folder, estimate, result.tracks)
-    draw_events(estimate, source.camera, event_image).savefig(folder / "axis.png", dpi=_DPI)
+    with whole_file(folder / "axis.png") as path:
+        draw_events(estimate, source.camera, event_image).savefig(path, dpi=_DPI)
     checks = folder / "checks.png"
     checks.unlink(missing_ok=True)
     if estimate.spin is not None:
         rates = rate_over_time(Activity.concatenate(activity), estimate.spin.rate_hz)
-        draw_checks(estimate, rates).savefig(checks, dpi=_DPI)
-    write_report(result, source, versions(), folder)
+        with whole_file(checks) as path:
+            draw_checks(estimate, rates).savefig(path, dpi=_DPI)
+    with whole_file(folder / "report.html"):
+        write_report(result, source, versions(), folder)

@@ -47,7 +47,7 @@ def write_report(result: RunResult, source: Source, versions: Mapping[str, str],
         timing=_table([(name, f"{seconds:.2f} s") for name, seconds in estimate.timing_s.items()]),
         versions=escape(", ".join(f"{name} {version}" for name, version in versions.items())),
     )
-    (folder / "report.html").write_text(page)
+    (folder / "report.html").write_text(page, encoding="utf-8", errors="backslashreplace")
 
 
 def _facts(result: RunResult, source: Source) -> dict[str, str]:

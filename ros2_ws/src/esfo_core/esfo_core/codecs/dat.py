@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder
-from esfo_core.codecs.wrapping_clock import CLOCK_SIZE, CURRENT, follow
+from esfo_core.codecs.wrapping_clock import CLOCK_SIZE, CONFIRMED, CURRENT, KNOWN, TRUSTED, follow
 from esfo_core.events import EventArray, make_events
 
 WRAP_US = 2**32
@@ -36,7 +36,7 @@ class DatDecoder(Decoder):
             return make_events(*[np.empty(0)] * 4)
         data = words["data"]
         x, y = data & 0x3FFF, (data >> 14) & 0x3FFF
-        t = continued(words["t"].astype(np.int64), WRAP_US, self._clock)
+        t = continued(words["t"], WRAP_US, self._clock)
         events = make_events(x, y, (data >> 28) & 1, t * 1000)
         inside = self._inside(x, y)
         return events if inside.all() else events[inside]
@@ -46,7 +46,19 @@ class DatDecoder(Decoder):
 def continued(low, period, clock):  # type: ignore[no-untyped-def]
     """Continue the times `low` (N,) in us, which count modulo `period`, with the state `clock`; return them (N,)."""
     t = np.empty(len(low), np.int64)
+    start, before = np.int64(0), np.int64(-period)  # of the latest wrap, and the latest value, where that is trusted
     for i in range(len(low)):
-        follow(low[i], period, period // 2, STEP_LIMIT_US, clock, 0)
+        value = np.int64(low[i])
+        if before <= value <= before + STEP_LIMIT_US:  # nearly always
+            before = value
+            t[i] = start + value
+            continue
+        if before >= 0:
+            clock[CURRENT] = clock[TRUSTED] = start + before
+        follow(value, period, period // 2, STEP_LIMIT_US, clock, 0)
         t[i] = clock[CURRENT]
+        trusted = clock[KNOWN] == CONFIRMED and clock[CURRENT] == clock[TRUSTED]
+        start, before = t[i] - value, value if trusted else np.int64(-period)
+    if before >= 0:
+        clock[CURRENT] = clock[TRUSTED] = start + before
     return t

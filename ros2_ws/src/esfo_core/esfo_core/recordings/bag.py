@@ -44,7 +44,7 @@ class BagRecording(Recording):
         self.encoding = first.encoding
         self.format = f"{kind}, {self._kind.replace('/msg/', '/') if self._kind in EVENT_ARRAYS else self.encoding}"
         told = (first.width, first.height) if first.width and first.height else None
-        size = options.size or told
+        size = told or options.size
         self.width, self.height = size or (1, 1)
         self._new_decoder()
         self.width, self.height = size or self._size_of_events()

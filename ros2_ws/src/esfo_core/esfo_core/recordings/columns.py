@@ -104,7 +104,7 @@ class ColumnsRecording(Recording):
                 raise RecordingError(f"the columns x, y, p, t are of different lengths: {lengths}")
             self._count = lengths[0]
             self._unit = options.time_unit or columns.unit or self._likely_unit(columns)
-            size = options.size or columns.size
+            size = columns.size or options.size
             self.width, self.height = size or self._extent(columns)
         self.size_inferred = size is None
         ColumnsDecoder(self.width, self.height)

@@ -50,7 +50,7 @@ class PropheseeRecording(Recording):
                 self._start += 2
         self.format = "Prophesee DAT" if self.encoding == "dat" else f"Prophesee RAW, {self.encoding}"
         self._read = self._start
-        size = options.size or _size(fields)
+        size = _size(fields) or options.size
         decoder(self.encoding, *(size or (1, 1)))
         self.width, self.height = size or self._size_of_events()
         self.size_inferred = size is None

@@ -30,7 +30,7 @@ class TextRecording(Recording):
         self._start = find_layout(self._head(), options)
         self.encoding = "text"
         self.guesses = self._start.guesses
-        size = options.size or self._start.size
+        size = self._start.size or options.size
         self.width, self.height = size or self._size_of_events()
         self.size_inferred = size is None
         layout = self._start.layout

@@ -190,3 +190,15 @@ def test_gaps_are_found_across_windows():
         t = np.array(times)
         timing.add(make_events(t * 0, t * 0, t * 0, t))
     assert (timing.gaps, timing.longest_gap, timing.gap_start, timing.peak) == (2, 199_999_995, 100_000_005, 2)
+
+
+def test_a_camera_file_tells_the_size_of_the_sensor(tmp_path, capsys):
+    words = np.array([[k * 1000, (k % 50) | (k % 40) << 14 | (k & 1) << 28] for k in range(200)], "<u4")
+    (tmp_path / "cars.dat").write_bytes(b"% Version 2\n% end\n\x0c\x08" + words.tobytes())
+    Camera.pinhole(304, 240, 300.0).write_yaml(tmp_path / "camera.yaml")
+    out = tmp_path / "out.mcap"
+    assert main(["convert", str(tmp_path / "cars.dat"), str(out), "--camera", str(tmp_path / "camera.yaml")]) == 0
+    recording = open_recording(out)
+    assert (recording.width, recording.height, recording.camera.focal_px) == (304, 240, 300)
+    assert main(["convert", str(tmp_path / "cars.dat"), str(out)]) == 0
+    assert "sensor      50x40 px" in capsys.readouterr().out

@@ -145,3 +145,14 @@ def test_random_damage_gives_a_packet_or_one_error():
                 continue
             assert packet.seq == seq
             assert len(packet.data) <= len(whole)
+
+
+def test_a_negative_time_is_that_of_one_event():
+    slots = np.zeros((3, 16), np.uint8)
+    slots[:, 4:12] = np.array([[5, 0], [2**31 + 5, 1], [5, 2]], "<u4").view(np.uint8)
+    data = slots.ravel()
+    for k, place in enumerate((0, 14, 30)):  # x and y of all but the first lie two bytes before their slots
+        data[place : place + 4] = np.array([k + 1, 2], "<u2").view(np.uint8)
+    d = decoder("cdr_event_array", 64, 48)
+    assert d.decode(data[:45].tobytes())["x"].tolist() == [1, 3]
+    assert d.statistics.impossible_times == 1

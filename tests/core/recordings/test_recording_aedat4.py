@@ -119,7 +119,7 @@ def test_a_cut_file_gives_its_whole_packets(path, ends):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"#!AER-DAT2.0\r\n# jAER", "AEDAT of version 2.0 is not read"),
+        (b"#!AER-DAT3.1\r\n# cAER", "AEDAT of version 3.1 is not read"),
         (b"#!AER-DAT4.0\r\n", "header of 0 bytes is longer"),
         (b"#!AER-DAT4.0\r\n" + b"\xff" * 20, "header of 4294967295 bytes is longer than the file"),
         (b"#!AER-DAT4.0\r\n" + struct.pack("<I", 40) + bytes(40), "kind .* where 'IOHE' belongs"),
@@ -185,7 +185,7 @@ def test_decoder_equals_plain_python(packets):
         assert [e.item() for e in d.decode(data)] == sorted(inside, key=lambda e: e[3])
     assert d.statistics.out_of_range == outside
     for t in (-1, 2**62 // 1000 + 1):
-        with pytest.raises(RecordingError, match="out of range"):
+        with pytest.raises(RecordingError, match="out of the range"):
             d.decode(struct.pack("<qHHB3x", t, 0, 0, 0))
 
 

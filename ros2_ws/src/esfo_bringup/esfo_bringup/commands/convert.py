@@ -60,6 +60,7 @@ def _left_out(recording: Recording) -> list[str]:
         "external triggers": d.triggers_rising + d.triggers_falling,
         "events outside the sensor": d.out_of_range,
         "events before the first time or address of their stream": d.unsynchronised,
+        "events at impossible times": d.impossible_times,
         "words of no known code": d.unknown_words,
         f"lines that are no events, the first {s.first_fault}": d.bad_lines,
         "packets that are missing in the recording": s.packets_lost,

@@ -121,6 +121,7 @@ def _losses(recording: Recording) -> list[tuple[str, str]]:
         "events before the first time or address": d.unsynchronised,
         "words of no known code": d.unknown_words,
         "bytes that make no whole word": d.trailing_bytes,
+        "events at impossible times": d.impossible_times,
     }
     if d.bad_lines:
         facts.append(("bad lines", f"{d.bad_lines} skipped; the first is {s.first_fault}"))

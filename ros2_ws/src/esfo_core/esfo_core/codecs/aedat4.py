@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder
-from esfo_core.errors import RecordingError
 from esfo_core.events import EventArray, make_events
 
 _MAX_US = 2**62 // 1000
@@ -25,7 +24,7 @@ class Aedat4Decoder(Decoder):
     def _decode(self, words: NDArray[Any], time_base: int) -> EventArray:
         t = words["t"]
         if len(t) and not 0 <= t.min() <= t.max() <= _MAX_US:
-            raise RecordingError(f"times from {t.min()} to {t.max()} us are out of range")
-        events = make_events(words["x"], words["y"], words["on"] != 0, t * 1000)
+            words = words[self._possible(t, _MAX_US)]
+        events = make_events(words["x"], words["y"], words["on"] != 0, words["t"] * 1000)
         inside = self._inside(words["x"], words["y"])
         return events if inside.all() else events[inside]

@@ -30,7 +30,7 @@ class DecoderStatistics:
     out_of_range: events outside the sensor, dropped. unsynchronised: events before the first time stamp or address,
     dropped. unknown_words: words of no known code, skipped. out_of_order: events earlier than one before them in the
     same packet, sorted in. trailing_bytes: bytes at the end of packets that make no whole word, skipped. bad_lines:
-    lines of text that are no events, skipped.
+    lines of text that are no events, skipped. impossible_times: events before zero or after all clocks, dropped.
     """
 
     events: int = 0
@@ -42,6 +42,7 @@ class DecoderStatistics:
     out_of_order: int = 0
     trailing_bytes: int = 0
     bad_lines: int = 0
+    impossible_times: int = 0
 
 
 class Decoder(ABC):
@@ -103,6 +104,18 @@ class Decoder(ABC):
             self.statistics.out_of_order += int(np.count_nonzero(behind))
             parts.append(part[np.argsort(part["t"], kind="stable")])
         return parts
+
+    def _possible(self, t: NDArray[np.int64], latest: int) -> NDArray[np.bool_]:
+        """Mask of the times t (N,) from 0 to `latest`, in any unit; counts the others.
+
+        Raises RecordingError where most are impossible: then they are no damaged ones.
+        """
+        possible = (t >= 0) & (t <= latest)
+        impossible = len(t) - int(np.count_nonzero(possible))
+        if 2 * impossible > len(t):
+            raise RecordingError(f"times from {t.min()} to {t.max()} are out of the range from 0 to {latest}")
+        self.statistics.impossible_times += impossible
+        return possible
 
     def _inside(self, x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.bool_]:
         """Mask of the pixels on the sensor; counts the others."""

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from esfo_core.codecs.base import Decoder
-from esfo_core.errors import RecordingError
 from esfo_core.events import NS_PER_S, EventArray, empty_events, make_events
 
 CDR_STRIDE = 16
@@ -39,7 +38,8 @@ class EventArrayDecoder(Decoder):
         t *= NS_PER_S
         t += times["nanosec"]
         if t.min(initial=0) < 0:
-            raise RecordingError(f"time {t.min()} ns is negative")
+            possible = self._possible(t, np.iinfo(np.int64).max)
+            pixels, times, t = pixels[possible], times[possible], t[possible]
         events = make_events(pixels["x"], pixels["y"], times["p"] != 0, t)
         inside = self._inside(events["x"], events["y"])
         return events if inside.all() else events[inside]

@@ -97,7 +97,9 @@ def test_a_first_segment_that_is_long_is_read_without_knowing_the_rest(tmp_path,
     recording = open_recording(bags[0])
     assert (np.concatenate(list(recording.chunks())) == parts[0]).all()
     got = []
-    with pytest.raises(RecordingError, match="segment 2 has more events than the first, which was read: 250"):
+    with pytest.raises(
+        RecordingError, match=r"segment 2 has more events than the first.*segment 2 of 250 events in 0\.39"
+    ):
         got.extend(open_recording(bags[1]).chunks())
     assert (np.concatenate(got) == parts[0]).all()
 

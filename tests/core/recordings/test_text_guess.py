@@ -43,6 +43,15 @@ def test_orders_of_columns(tmp_path, order, separator):
     assert recording.guesses == (f"columns {','.join(order)} (option columns)", "time in us (option time_unit)")
 
 
+@pytest.mark.parametrize("order", ["xypt", "txyp", "xytp"])
+def test_times_that_could_be_pixels(tmp_path, order):
+    events = some_events(3000, seconds=0.012)  # up to 12,000 us
+    events["t"] -= events["t"] % 1000
+    recording, found = read(tmp_path, as_text(order, events=events))
+    assert (found == events).all()
+    assert (recording.width, recording.height) == (64, 48)
+
+
 @pytest.mark.parametrize("order", ["".join(order) for order in permutations("xypt")][::5])
 def test_what_is_told_counts(tmp_path, order):
     recording, events = read(tmp_path, as_text(order, unit="ns"), columns=",".join(order), time_unit="ns")

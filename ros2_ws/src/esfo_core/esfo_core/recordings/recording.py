@@ -19,11 +19,13 @@ from esfo_core.recordings.extent import Extent
 from esfo_core.recordings.ordering import TimeOrder
 
 CHUNK_NS = 10_000_000
-HELD_EVENTS = 1 << 20
-"""Events that are held back until it is known whether the clock is set back soon, 13 MiB."""
+HELD_EVENTS = 1 << 17
+"""Events that are held back until it is known whether the clock is set back soon, 1.7 MB: more would slow reading."""
 
 MAX_SEGMENTS = 1000
 """A clock is set back a few times at most; in random bytes, time steps back at every event."""
+
+_MOST_LISTED = 20
 
 MOST_EVENTS = -1
 """As the number of a segment: the one with the most events."""
@@ -207,9 +209,13 @@ class Recording(ABC):
     def _check_first(self) -> None:
         most = self._most_events()
         if most:
+            listed = ", ".join(
+                f"segment {number} of {stretch.events} events in {(stretch.last_t - stretch.first_t) / 1e9:.3f} s"
+                for number, stretch in enumerate(self.statistics.stretches[:_MOST_LISTED])
+            )
             raise RecordingError(
-                f"the clock is set back, and segment {most} has more events than the first, which was read: "
-                f"{self.statistics.stretches[most].events}; say which to read by the option segment"
+                f"the clock is set back late, and segment {most} has more events than the first, which was read; say "
+                f"which to read by the option segment: {listed}"
             )
 
     def _one(self, segment: int, duration_ns: int) -> Iterator[EventArray]:

@@ -45,6 +45,20 @@ def test_one_rotation_is_one(seed):
     assert found.closure_error_z < LIMITS.rigidity_z or found.closure_error_px < LIMITS.max_closure_error_px
 
 
+@pytest.mark.parametrize("true_hz", [0.4999, 0.5, 0.5002])
+def test_tracks_that_are_observed_again_tell_the_rate(true_hz):
+    """The orbit's rate is held at 0.5 Hz; a delay of more than the robust scale of 1 px would be read too small."""
+    scene = tracks_of(spin(AXIS, true_hz), noise_px=0.3, points=120, duration_s=6.0)
+    found = measured(scene.tracks).track_rate(0.5)
+    assert abs(found.rate_hz - true_hz) < 4 * found.std_hz
+    assert found.std_hz < 5e-5
+
+
+def test_tracks_that_are_not_observed_again_tell_no_rate():
+    scene = tracks_of(spin(AXIS), noise_px=0.3, duration_s=1.5)
+    assert measured(scene.tracks).track_rate(0.5) is None
+
+
 @pytest.mark.parametrize("change", [{"shift_px_s": 1.0}, {"growth_s": 0.01}])
 def test_a_body_that_moves_on_misses_its_place(change):
     scene = tracks_of(spin(AXIS), noise_px=0.3, points=200)

@@ -92,6 +92,7 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
         revolutions=optimum.revolutions,
         rms_px=float(np.sqrt(np.mean(errors**2))),
         initialisation=optimum.initialisation.name,
+        track_rate=None if optimum.ramp else evidence.rigidity.track_rate(motion.rate_hz),
         rate_slope_hz_s=evidence.rate_slope.slope,
         rate_slope_std_hz_s=evidence.rate_slope.std,
         **known,

@@ -19,6 +19,7 @@ from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adju
 from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, gauss_newton
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.orbit.observations import Observations
+from esfo_core.estimate import RateEstimate
 from esfo_core.orbit import Matrix, Vector
 
 _SEGMENTS_PER_REVOLUTION = 3
@@ -42,6 +43,8 @@ class Rigidity:
     deviations. axis_wander_z: its significance. closure_error_px: how far the image one revolution later is shifted or
     scaled. closure_error_z: its significance. closure_error_revolutions: fraction of a revolution that moves a point
     at the object's image radius as far. Significances are in standard deviations; 0 where the data are too few.
+    delay_s, delay_std_s: by how much later than after one revolution of the orbit's rate tracks are at the same place
+    again, and its standard deviation, infinite where the data are too few.
     """
 
     axis_wander_deg: float
@@ -49,6 +52,18 @@ class Rigidity:
     closure_error_px: float
     closure_error_z: float
     closure_error_revolutions: float
+    delay_s: float = 0.0
+    delay_std_s: float = np.inf
+
+    def track_rate(self, rate_hz: float) -> RateEstimate | None:
+        """Spin rate of the tracks that are observed again, by their delay; None where they are too few.
+
+        rate_hz: of the orbit.
+        """
+        if not np.isfinite(self.delay_std_s):
+            return None
+        rate = 1 / (1 / rate_hz + self.delay_s)
+        return RateEstimate(rate, rate**2 * self.delay_std_s)
 
 
 def widened(
@@ -74,33 +89,38 @@ def rigidity(solution: OrbitSolution, obs: Observations, cauchy_px: float, bias_
     return Rigidity(*_axis_wander(solution, obs, cauchy_px, bias_px), *_closure_error(obs, solution.motion.rate_hz))
 
 
-def _closure_error(obs: Observations, rate_hz: float) -> tuple[float, float, float]:
-    """Return closure_error_px, closure_error_z, closure_error_revolutions.
+def _closure_error(obs: Observations, rate_hz: float) -> tuple[float, float, float, float, float]:
+    """Return closure_error_px, closure_error_z, closure_error_revolutions, delay_s, delay_std_s.
 
     Each track position is paired with the nearest one of one revolution later. The displacements are fitted (Cauchy,
-    1 px) by a shift, a change of scale and a delay along the motion; the delay is an error of the rate and is left out.
+    1 px) by a shift, a change of scale and a delay along the motion; the delay is an error of the rate and no part of
+    the closure error.
     """
     px, velocity, time, point = _at_common_times(obs, rate_hz)
     apart = 10 * _PAIR_PX * time  # separates the times by more than the search radius
     if len(time) < _MIN_PAIRS:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, np.inf
     later = np.column_stack([px, apart + 10 * _PAIR_PX * _TIMES_PER_REVOLUTION])
     distance, found = cKDTree(np.column_stack([px, apart])).query(later, distance_upper_bound=_PAIR_PX)
     k = np.flatnonzero(np.isfinite(distance))
     if len(k) < _MIN_PAIRS:
-        return 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, np.inf
     moved = px[found[k]] - px[k]
     place = px[k] - np.median(px[k], axis=0)
     design = np.zeros((len(k), 2, 4))
     design[:, 0, 0] = design[:, 1, 1] = 1.0
     radius = max(float(np.sqrt((place**2).sum(axis=1).mean())), 1e-9)
     design[:, :, 2] = place / radius
-    design[:, :, 3] = velocity[k] / max(float(np.median(np.linalg.norm(velocity[k], axis=1))), 1e-9)
+    speed = max(float(np.median(np.linalg.norm(velocity[k], axis=1))), 1e-9)
+    design[:, :, 3] = velocity[k] / speed
     fitted, covariance = _robust_fit(design, moved, point[k])
     image_change = fitted[:3]
     squared = float(image_change @ np.linalg.pinv(covariance[:3, :3], hermitian=True) @ image_change)
     closure_error_px = float(np.linalg.norm(image_change))
-    return closure_error_px, _significance(squared, 3), closure_error_px / (2 * np.pi * radius)
+    # What is late is behind its place.
+    delay_s, delay_std_s = -float(fitted[3]) / speed, float(np.sqrt(covariance[3, 3])) / speed
+    revolutions = closure_error_px / (2 * np.pi * radius)
+    return closure_error_px, _significance(squared, 3), revolutions, delay_s, delay_std_s
 
 
 def _at_common_times(obs: Observations, rate_hz: float) -> tuple[Matrix, Matrix, NDArray[np.int64], NDArray[np.int64]]:

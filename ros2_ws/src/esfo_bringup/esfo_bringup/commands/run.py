@@ -14,11 +14,11 @@ from esfo_bringup.offline.pipeline import run_offline, track_offline
 from esfo_bringup.offline.source import Source
 from esfo_bringup.result_bag.opening import CONTENTS, EventRecorder, ResultBag
 from esfo_bringup.results.event_image import EventImage
-from esfo_bringup.results.summary import summary
 from esfo_bringup.settings import RunSettings
 from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import EsfoError
+from esfo_core.estimate_text import printed_facts
 from esfo_core.events import EventArray
 from esfo_frontend.frontend import FrontendOutput
 from esfo_frontend.trackers import Statistics
@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
     if bag.problem:
         print(f"not written {bag.path}: {bag.problem}")
     if failure is not None:
-        print("\n".join(summary(result)))
+        print("\n".join(printed_facts(result.estimate, result.note)))
         raise failure
     bags = [bag.path.name] if bag.path.exists() else []
     return report(result, args.output, ["orbit.json", "report.html", *bags])

@@ -25,7 +25,7 @@ def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> i
     # Some libraries (pycolmap) answer SIGTERM with a stack trace; rclpy would still call such a handler.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        _init()
+        start_ros()
         node = make()
         refuse_unknown(node)
         drive(node)
@@ -49,10 +49,10 @@ def run(make: Callable[[], Any], drive: Callable[[Any], None] = rclpy.spin) -> i
     raise failure
 
 
-def _init() -> None:
-    """Start ROS. Raises EsfoError with its reason where it does not start."""
+def start_ros(args: list[str] | None = None) -> None:
+    """Start ROS with the arguments of the process, or others. Raises EsfoError with the reason why it does not."""
     try:
-        rclpy.init()
+        rclpy.init(args=args)
     except (RuntimeError, OSError, ValueError) as error:  # rcl's errors are RuntimeErrors, without a class of their own
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         reason = ": ".join(lines[:1]) or type(error).__name__

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import signal
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,10 @@ from esfo_core.camera import Camera
 from esfo_core.events import NS_PER_S
 from esfo_core.orbit import Matrix, Vector
 from esfo_core.tracks import Tracks
+
+if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+    # Importing pycolmap makes SIGTERM print a stack dump. Python can restore it in its main thread only, C anywhere.
+    ctypes.CDLL(None).signal(int(signal.SIGTERM), None)
 
 # Tracks without a model are reported by BackendError; COLMAP's own messages are suppressed.
 pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)

@@ -38,6 +38,7 @@ from esfo_core.estimate_text import one_line
 from esfo_core.events import NS_PER_S
 from esfo_core.options import parse_assignments
 from esfo_core.tracks import Tracks
+from esfo_ros.entry_point import start_ros
 
 _START_S = 120.0
 _SETTLE_S = 60.0
@@ -210,7 +211,7 @@ def main() -> int:
     add_live_arguments(parser)
     args = parser.parse_args()
     try:
-        rclpy.init(args=[])
+        start_ros(args=[])
         settings_of(args)
         source = source_of(args)
         bag = bag_path(args.output, source)

@@ -20,6 +20,9 @@ ENOUGH_EVENTS = 50
 ENOUGH_TIME = 2 * MAX_STEP_BACK
 """A stretch goes on when it has so many events over so many ns: damaged words reach less far."""
 
+LEAST_START = MAX_STEP_BACK // 5
+"""Time of as many events after which the start of a stream is no outlier, ns: damaged words reach over 4 ms."""
+
 LEAST_RETURN = MAX_STEP_BACK // 5
 """Least step forward, ns, that leads from an outlier back to the stream rather than on from event to event."""
 
@@ -46,9 +49,8 @@ class _Stretch:
         self.count += len(events)
         self.latest = max(self.latest, int(events["t"][-1]))
 
-    @property
-    def goes_on(self) -> bool:
-        return self.count >= ENOUGH_EVENTS and self.latest - self.first >= ENOUGH_TIME
+    def lasts(self, duration: int) -> bool:
+        return self.count >= ENOUGH_EVENTS and self.latest - self.first >= duration
 
 
 class TimeCheck:
@@ -99,7 +101,7 @@ class TimeCheck:
             yield part, anew
             return
         self._start.add(part)
-        if self._start.goes_on:
+        if self._start.lasts(LEAST_START):
             yield from self._release_start()
 
     def _release_start(self) -> Iterator[tuple[EventArray, bool]]:
@@ -120,7 +122,7 @@ class TimeCheck:
                 self._refuse()
             self._waiting.append(_Stretch(first > self._latest))
         self._waiting[-1].add(run)
-        if self._waiting[-1].goes_on:
+        if self._waiting[-1].lasts(ENOUGH_TIME):
             yield from self._settle()
 
     def _returns(self, t: int) -> bool:

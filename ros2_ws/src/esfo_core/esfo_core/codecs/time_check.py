@@ -68,21 +68,31 @@ class TimeCheck:
         self._waiting: list[_Stretch] = []
         self._start: _Stretch | None = _Stretch(True)
 
+    def goes_on(self, events: EventArray) -> bool:
+        """Take time-sorted events (N,) where all of them go on from those before, as nearly always; return whether.
+
+        Where they do not, nothing has changed.
+        """
+        if not len(events):
+            return True
+        if self._waiting or self._start is not None or self._latest is None:
+            return False
+        first, last = events["t"][0].item(), events["t"][-1].item()
+        if last - first > MAX_STEP_BACK or abs(first - self._latest) > MAX_STEP_BACK:
+            return False
+        self._count += len(events)
+        self._latest = max(self._latest, last)
+        return True
+
     def push(self, events: EventArray) -> Iterator[tuple[EventArray, bool]]:
         """Take the next time-sorted events (N,); yield parts that hold, each with whether a new segment begins there.
 
         Raises RecordingError where most times contradict each other.
         """
-        if not len(events):
+        if self.goes_on(events):
+            yield events, False
             return
         self._count += len(events)
-        if not self._waiting and self._start is None:  # nearly always all of them go on
-            first, last = int(events["t"][0]), int(events["t"][-1])
-            assert self._latest is not None
-            if first - self._latest <= MAX_STEP_BACK >= self._latest - first and last - first <= MAX_STEP_BACK:
-                self._latest = max(self._latest, last)
-                yield events, False
-                return
         for run in _runs(events):
             for part, anew in self._push_run(run):
                 yield from self._released(part, anew)

@@ -245,6 +245,9 @@ class Recording(ABC):
         """Packets whose times hold, and whether a new segment begins with them."""
         check = TimeCheck()
         for packet in self._packets():
+            if check.goes_on(packet):
+                yield packet, False
+                continue
             yield from check.push(packet)
             self.statistics.outliers = check.outliers
         yield from check.flush()

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -182,3 +183,30 @@ def test_evaluate_registers_to_a_model(capsys, tmp_path):
     assert float(percent[1]) < 0.05
     assert "not a Trimesh" in fails(capsys, *arguments, tmp_path / "points.ply")
     assert "absent.ply" in fails(capsys, *arguments, tmp_path / "absent.ply")
+
+
+def test_a_degenerate_estimate_ends_with_its_reason_and_exit_code_1(capsys, tmp_path, recording, monkeypatch):
+    from esfo_bringup.commands import run
+
+    whole = run.run_offline
+
+    def degenerate(*arguments):
+        result = whole(*arguments)
+        return replace(result, estimate=replace(result.estimate, status="degenerate", reason="seen for half a turn"))
+
+    monkeypatch.setattr(run, "run_offline", degenerate)
+    line = fails(capsys, "run", recording, "-o", tmp_path / "out")
+    assert line == "esfo: degenerate: seen for half a turn"
+    assert json.loads((tmp_path / "out/orbit.json").read_text())["status"] == "degenerate"
+
+
+def test_evaluate_holds_the_axis_against_its_limit(capsys, tmp_path):
+    motion = {"spin_rate_hz": 0.5, "axis": [0, 0, 1.0], "center": [0.1, 0, 1.0]}
+    (tmp_path / "truth.json").write_text(json.dumps(motion))
+    tilted = [0.0, float(np.sin(np.radians(2))), float(np.cos(np.radians(2)))]
+    estimate = {"status": "ok", "points": 3, "initialisation": "direct", **motion, "axis": tilted}
+    (tmp_path / "orbit.json").write_text(json.dumps(estimate))
+    arguments = ["evaluate", str(tmp_path), "--truth", str(tmp_path / "truth.json"), "--max-axis-error"]
+    assert main([*arguments, "2.1"]) == 0
+    assert "2.000 deg" in capsys.readouterr().out
+    assert "axis is 2.0000, more than 1.9" in fails(capsys, *arguments, "1.9")

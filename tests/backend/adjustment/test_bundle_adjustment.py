@@ -8,11 +8,13 @@ from scenes import CAMERA, spin, tracks_of, unit
 from esfo_backend.adjustment import bundle_adjustment as adjust_module
 from esfo_backend.adjustment import factor_graph as graph_module
 from esfo_backend.adjustment.bundle_adjustment import _step, bundle_adjustment, linear_points, normal_equations
-from esfo_backend.adjustment.covariance import motion_covariance
+from esfo_backend.adjustment.covariance import motion_covariance, schur_marginal
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_factor
 from esfo_backend.orbit.observations import observations
 from esfo_backend.orbit.parametrization import motion_from_axis
+from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import angle_between, rotation, tangent_basis
+from esfo_core.tracks import Tracks
 
 AXES = [unit(0, 1, 0), unit(1, 0, 0), unit(0.3, -0.8, 0.4), unit(-0.5, -0.5, 0.7), unit(0.1, 0.5, -0.85)]
 
@@ -130,3 +132,51 @@ def test_reported_deviations_are_honest():
     # cautious by up to a factor two in variance, never bold by more than three sampling deviations.
     assert 0.3 < np.mean(z2_rate) < 1 + 3 * 0.28
     assert 0.6 < np.mean(z2_axis) < 2 + 3 * 0.4
+
+
+@pytest.mark.parametrize("axis", [AXES[2], AXES[3]])
+def test_stated_correlation_of_the_axis_is_that_of_its_errors(axis):
+    """The two components of the axis in its tangent plane: about -0.1 for one axis, 0.75 for the other."""
+    errors, stated = [], []
+    for seed in range(40):
+        scene = tracks_of(spin(axis), noise_px=0.5, points=40, seed=seed)
+        obs, _ = observations(scene.tracks, CAMERA, 4)
+        start = motion_from_axis(axis, scene.spin.center, 0.5)
+        solved = bundle_adjustment(start, linear_points(start, obs), obs, 1.0)
+        errors.append(tangent_basis(axis).T @ solved.motion.axis)
+        stated.append(motion_covariance(solved, obs, schur_marginal(solved, obs, 1.0), 1.0).axis_cov)
+    shown, mean = np.cov(np.transpose(errors)), np.mean(stated, axis=0)
+    assert shown[0, 1] / np.sqrt(shown[0, 0] * shown[1, 1]) == pytest.approx(
+        mean[0, 1] / np.sqrt(mean[0, 0] * mean[1, 1]), abs=0.35
+    )
+
+
+def test_deviations_are_at_least_those_of_independent_residuals():
+    """With few points the scatter of their scores may be small by chance; least squares: the textbook's deviation."""
+    for seed in range(12):
+        scene = tracks_of(spin(AXES[2]), noise_px=0.5, points=8, seed=seed)
+        obs, _ = observations(scene.tracks, CAMERA, 4)
+        start = motion_from_axis(AXES[2], scene.spin.center, 0.5)
+        solved = bundle_adjustment(start, linear_points(start, obs), obs, 0.0)
+        marginal = schur_marginal(solved, obs, 0.0)
+        errors = obs.rows.weight * row_errors(solved.motion.Q, solved.motion.rate_hz, solved.y, obs.rows)
+        variance = (errors**2).sum() / (2 * len(errors) - 3 * obs.points - 4)
+        found = motion_covariance(solved, obs, marginal, 0.0)
+        assert found.rate_std_hz >= np.sqrt(variance * marginal[3, 3]) * (1 - 1e-9)
+
+
+def test_rows_count_by_their_sigma():
+    """A third of the rows is off by 4 px: least squares with their sigma is twice as good as without, and better."""
+    known, unknown = [], []
+    for seed in range(8):
+        scene = tracks_of(spin(AXES[2]), noise_px=0.2, seed=seed)
+        rng = np.random.default_rng(seed)
+        tracks = scene.tracks
+        sigma = np.where(rng.random(len(tracks)) < 1 / 3, 4.0, 0.2).astype(np.float32)
+        uv = (tracks.uv + rng.normal(size=tracks.uv.shape) * np.where(sigma > 1, 4.0, 0.0)[:, None]).astype(np.float32)
+        for told, errors in ((sigma, known), (np.full_like(sigma, 0.2), unknown)):
+            obs, _ = observations(Tracks(tracks.track_id, tracks.t, uv, told), CAMERA, 4)
+            start = motion_from_axis(AXES[2], scene.spin.center, 0.5)
+            solved = bundle_adjustment(start, linear_points(start, obs), obs, 0.0, free_rate=False)
+            errors.append(angle_between(solved.motion.axis, AXES[2]))
+    assert np.mean(np.square(known)) < 0.25 * np.mean(np.square(unknown))

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
-from esfo_backend.landmarks.landmarks import Landmarks, drop_far
+from esfo_backend.adjustment.bundle_adjustment import (
+    OrbitSolution,
+    bundle_adjustment,
+    linear_points,
+    normal_equations,
+)
+from esfo_backend.landmarks.landmarks import Landmarks, drop_far, reobservable_points, reobserved_points
 from esfo_backend.landmarks.reidentification import merge_round, point_rms, reidentify
 from esfo_backend.options import ReidentificationOptions
 from esfo_backend.orbit.observations import observations
 from esfo_backend.orbit.parametrization import motion_from_axis
+from esfo_backend.orbit.projection import row_errors
 
 
 @pytest.mark.parametrize("outliers", [0.0, 0.3])
@@ -67,3 +73,64 @@ def test_rms_is_per_point():
     errors = np.arange(len(obs.rows.dt), dtype=float)
     slow = [np.sqrt(np.mean(errors[a:b] ** 2)) for a, b in zip(obs.rows.first, obs.rows.first[1:], strict=False)]
     np.testing.assert_allclose(point_rms(errors, obs), slow, rtol=1e-12)
+
+
+def two_tracks_of_a_point():
+    """Exact scene at its true motion; tracks 0 and 1 are of one point, and all others of other points."""
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)))
+    obs, ids = observations(scene.tracks, CAMERA, 4)
+    motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
+    truth = scene.point_of_track[ids]
+    point = next(p for p in truth if (truth == p).sum() > 3)
+    chosen = np.full(obs.points, -1)
+    chosen[np.flatnonzero(truth == point)[[0, -1]]] = 0, 1
+    chosen[truth != point] = 2 + np.arange((truth != point).sum())
+    obs = obs.regroup(chosen)
+    return OrbitSolution(motion, linear_points(motion, obs), 0.0, 0), obs
+
+
+@pytest.mark.parametrize(("part", "merged"), [(0.9, True), (1.1, False)])
+def test_points_merge_up_to_the_gate(part, merged):
+    """Two estimates of a point that are `part` of the gate apart, by the covariance of 0.05 px in each coordinate."""
+    solution, obs = two_tracks_of_a_point()
+    options = ReidentificationOptions()
+    H = normal_equations(solution.motion.Q, 0.5, solution.y, obs.rows, 2.0, 1).pp[:2]
+    covariance = 0.05**2 * np.linalg.inv(H).sum(axis=0)
+    off = np.linalg.cholesky(covariance) @ unit(0.3, -0.5, 0.8) * np.sqrt(part * options.chi2)
+    y = solution.y.copy()
+    y[:2] = y[0] + np.outer([-0.5, 0.5], off)
+    label = merge_round(replace(solution, y=y), obs, np.arange(obs.points), options, 2.0)
+    assert (label[0] == label[1]) == merged
+
+
+def test_no_merged_point_leaves_a_track_far_off():
+    """With a gate that lets every pair in, the test of the merged points alone keeps two points apart."""
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), noise_px=0.3)
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
+    start = OrbitSolution(motion, linear_points(motion, obs), 0.0, 0)
+    options = ReidentificationOptions(chi2=1e12, rms_px=1.5)
+    label = merge_round(start, obs, np.arange(obs.points), options, 2.0)
+    assert np.array_equal(np.unique(label), np.arange(label.max() + 1))
+    assert label.max() < obs.points - 1
+    y = linear_points(motion, obs.regroup(label))
+    errors = point_rms(row_errors(motion.Q, 0.5, y[label], obs.rows), obs)
+    alone = np.bincount(label)[label] == 1
+    assert errors[~alone].max() <= options.rms_px
+
+
+@pytest.mark.parametrize("turns", [0.9, 1.6, 2.5])
+def test_points_that_can_and_do_come_round_again_are_counted(turns):
+    """At 0.5 Hz: the two numbers against a loop over points and their times."""
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), duration_s=2 * turns)
+    obs, ids = observations(scene.tracks, CAMERA, 4)
+    obs = obs.regroup(np.unique(scene.point_of_track[ids], return_inverse=True)[1].astype(np.int64))
+    begin, end = obs.rows.dt.min(), obs.rows.dt.max()
+    able = again = 0
+    for j in range(obs.points):
+        dt = obs.of_point(j).dt
+        able += bool(dt[0] + 2.0 <= end or dt[-1] - 2.0 >= begin)
+        again += bool(dt[-1] - dt[0] >= 2.0 or (np.diff(dt) >= 1.0).any())
+    assert reobservable_points(obs, 0.5) == able
+    assert reobserved_points(obs, 0.5) == again
+    assert (able > 0) == (turns > 1)

@@ -115,3 +115,12 @@ def test_thinning_keeps_ends_and_short_tracks():
         assert (kept[0], kept[-1]) == (every[0], every[-1])
         steps = np.diff(np.searchsorted(every, kept), prepend=-1)[1:]
         assert n == 1 or np.ptp(steps) <= 1
+
+
+def test_the_latest_tracks_take_part_before_older_ones():
+    scene = tracks_of(spin(AXIS), points=80, duration_s=8.0)
+    solver = started(scene, 4.0, BackendOptions(live=LiveEstimateOptions(max_tracks=40)))
+    first = {i: t for i, t in zip(scene.tracks.track_id[::-1], scene.tracks.t[::-1], strict=True)}
+    latest = sorted(first, key=lambda i: first[i])[-20:]
+    assert len(first) > 200
+    assert set(latest) <= set(solver.tracks.track_id)

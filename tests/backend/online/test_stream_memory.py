@@ -122,3 +122,9 @@ def test_a_group_of_which_less_than_half_is_known_is_missing():
     grouped = coarser(Activity(0, BIN, 32, np.ones((9, 2, 1, 1), np.uint16), valid), 3)
     assert grouped.valid.tolist() == [True, False, True]
     assert grouped.counts[:, 0, 0, 0].tolist() == [3, 3, 3]
+
+
+def test_bins_that_overflow_when_added_up_saturate():
+    counts = np.full((4, 2, 1, 1), 40_000, np.uint16)
+    counts[2:] = 20_000
+    assert coarser(Activity(0, BIN, 32, counts), 2).counts[:, 0, 0, 0].tolist() == [65_535, 40_000]

@@ -9,6 +9,7 @@ from esfo_backend.orbit.observations import ObservationRows, observations
 from esfo_backend.orbit.parametrization import Motion, motion_from_axis, spin_and_points
 from esfo_backend.orbit.projection import (
     BEHIND_CAMERA_COST,
+    _place_on_ray,
     cauchy_weight,
     linearize_row,
     linearize_stack,
@@ -133,3 +134,24 @@ def test_triangulation_recovers_exact_points():
     truth = (scene.points[scene.point_of_track[ids]] + scene.spin.center) / radius
     # float32 pixels, good to 3e-5 px, and short tracks, whose depth is some hundred times less certain
     np.testing.assert_allclose(points + found.center, truth, atol=2e-4)
+
+
+def test_a_point_placed_on_its_ray_is_the_nearest_to_the_axis():
+    """Tracks that move against the rotation have their linear solution behind the camera."""
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)))
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    Q = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5).Q
+    rows, X, y = obs.rows, np.empty(3), np.empty(3)
+    for j in range(0, obs.points, 10):
+        k = int(rows.first[j]) + 1
+        _place_on_ray(Q, 0.5, rows, k, y)
+        project_row(Q, 0.5, y, rows.dt[k], X)
+        np.testing.assert_allclose(X[:2] / X[2], rows.xy[k], atol=1e-9)
+        assert X[2] > 0
+
+        def from_axis(scale, X=X):
+            """Distance of the point at `scale` times the depth from the axis: it turns about z, at (1, 0) from Q."""
+            return np.hypot(*((Q.T @ (scale * X))[:2] + np.array([1.0, 0.0])))
+
+        assert from_axis(1.0) == pytest.approx(np.hypot(y[0], y[1]), rel=1e-9)
+        assert from_axis(1.0) < min(from_axis(0.99), from_axis(1.01))

@@ -79,3 +79,15 @@ def test_backend_follows_a_changing_rate(slope):
     at_t0 = RATE + slope * (estimate.spin.t0 - t0) / NS_PER_S
     assert abs(estimate.spin.rate_hz - at_t0) < 4 * estimate.rate_std_hz + 1e-4
     assert angle_between(estimate.spin.axis, AXIS) < 3 * estimate.axis_std_deg
+
+
+def test_an_error_that_all_cells_share_is_in_the_deviation():
+    """Cells that all see the same agree perfectly: leaving some out shows no error. A tenth of a bin remains."""
+    turned = np.cumsum(np.full(800, 0.004))  # 3.2 turns in 4 s
+    light = 100 + 80 * np.cos(2 * np.pi * turned) + 60 * np.cos(6 * np.pi * turned + 1)
+    counts = np.broadcast_to(light.astype(np.uint16)[:, None, None, None], (800, 2, 4, 4)).copy()
+    found = find_rate_ramp(Activity(0, BIN, 32, counts), SpinRateOptions())
+    tenth_of_a_bin = 8 * 0.1 * 0.005 / 4.0**2  # of the warp of time in the middle
+    assert found.relative_slope_std >= 0.99 * tenth_of_a_bin
+    assert found.relative_slope_std < 3 * tenth_of_a_bin
+    assert abs(found.relative_slope) < 4 * found.relative_slope_std

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scenes import CAMERA, spin, tracks_of, unit
 
-from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution, bundle_adjustment, linear_points
 from esfo_backend.adjustment.covariance import MotionCovariance
 from esfo_backend.landmarks.landmarks import reobservable_points, reobserved_points
 from esfo_backend.options import VerdictOptions
 from esfo_backend.orbit.observations import ObservationRows, Observations, observations
 from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.spin_rate.aperiodic import _ends, explain_aperiodic, translation_spread
-from esfo_backend.verdict.rigidity import Rigidity, rigidity, widened
+from esfo_backend.verdict.rigidity import Rigidity, _axis_wander, rigidity, widened
 from esfo_core.events import NS_PER_S
 from esfo_core.orbit import angle_between, rotation
 from esfo_core.tracks import Tracks
@@ -194,3 +194,25 @@ def translating(velocity, depth, noise_px=0.2, count=40, seed=1):
     uv = CAMERA.project(X.reshape(-1, 3)) + rng.normal(0, noise_px, (count * len(s), 2))
     t = np.tile((1e9 + s * 1e9).astype(np.int64), count)
     return Tracks.from_columns(np.repeat(np.arange(count), len(s)), t, uv, np.full(len(uv), 0.3))
+
+
+@pytest.mark.parametrize("true_deg", [0.0, 0.5])
+def test_wander_of_segments_with_known_deviations_is_unbiased(true_deg, monkeypatch):
+    """Of segments whose orientations differ by exactly known distributions, nothing but their statistics counts."""
+    rng = np.random.default_rng(0)
+    std = np.radians([0.3, 0.4, 0.5])
+
+    def segment(*_):
+        return rng.normal(0.0, np.hypot(std, np.radians(true_deg))), np.diag(std**2)
+
+    monkeypatch.setattr("esfo_backend.verdict.rigidity._segment", segment)
+    scene = tracks_of(spin(AXIS), points=20)
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    start = motion_from_axis(AXIS, scene.spin.center, 0.5)
+    solution = OrbitSolution(start, linear_points(start, obs), 0.0, 0)
+    found = np.array([_axis_wander(solution, obs, 1.0, 0.0) for _ in range(1500)])
+    if true_deg:  # six segments; what is cut off below zero is little
+        assert np.mean(found[:, 0] ** 2) == pytest.approx(true_deg**2, rel=0.06)
+    else:  # a normal variable of which the part below zero is cut off
+        assert np.mean(found[:, 1] > 0) == pytest.approx(0.5, abs=0.05)
+        assert np.mean(found[:, 1] > 1.645) == pytest.approx(0.05, abs=0.02)

@@ -45,7 +45,7 @@ def test_good_evidence_is_ok():
         ({"rigidity": Rigidity(0.0, 0.0, 1.0, 10.0, 0.001)}, "degenerate", "not_a_rotation"),
         ({"rate_slope": RateSlope(-0.01, 1e-4)}, "degenerate", "rate_not_constant"),
         ({"revolutions": 0.9}, "degenerate", "too_few_turns"),
-        ({"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.02**2)}, "degenerate", "axis_unobs"),
+        ({"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.02**2)}, "degenerate", "axis"),
         ({"covariance": MotionCovariance(1e-5, np.eye(2) * 0.1**2)}, "degenerate", "axis_unobservable"),
         ({"harmonic_z": 7.0}, "ok", "harmonic_ambiguous"),
         ({"alternatives": (Alternative("mirror", 0.5, np.ones(3), 1.05),)}, "ok", "mirror_ambiguous"),
@@ -54,6 +54,12 @@ def test_good_evidence_is_ok():
         ({"reobserved": 4, "revolutions": 0.9}, "failed", "too_few_turns"),
         ({"inliers": 0.2}, "failed", None),
         ({"covariance": MotionCovariance(0.02, np.eye(2) * 1e-6)}, "failed", None),
+        ({"covariance": MotionCovariance(0.0105, np.eye(2) * 1e-6)}, "failed", None),  # 2.1 % of the rate
+        (
+            {"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.0068**2)},
+            "degenerate",
+            "axis_unobs",
+        ),
         ({"covariance": MotionCovariance(np.nan, np.full((2, 2), np.nan))}, "failed", None),
     ],
 )
@@ -89,7 +95,8 @@ def test_doubts_that_rest_on_a_period_that_no_point_confirms_are_not_named():
         {"rigidity": Rigidity(0.5, 3.0, 0.2, 30.0, 0.001)},  # not significant; significant, and too small to matter
         {"rate_slope": RateSlope(-0.01, 0.005)},
         {"rate_slope": RateSlope(-1e-4, 1e-6)},
-        {"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.004**2)},
+        {"axis": BEFORE_VIEW, "covariance": MotionCovariance(1e-5, np.eye(2) * 0.0065**2)},  # 0.02 is 3.1 deviations
+        {"covariance": MotionCovariance(0.0095, np.eye(2) * 1e-6)},  # 1.9 % of the rate
     ],
 )
 def test_what_is_insignificant_or_small_is_no_doubt(change):

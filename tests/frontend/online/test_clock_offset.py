@@ -148,3 +148,14 @@ def test_memory_is_bounded_when_every_packet_could_become_the_least():
     assert len(clock._least) <= WINDOW_NS // BUCKET_NS + 2
     assert values[-1] - t[-1] // 5000 <= 1
     assert values[-1] - t[-1] // 5000 >= -WINDOW_NS // DRIFT - 1  # it lags by what the drift exceeds 100 ppm
+
+
+def test_the_offset_falls_by_no_more_than_half_the_time_that_has_passed():
+    clock, offset = ClockOffset(), 3 * S
+    assert clock.update(0, offset) == offset
+    for k in range(1, 101):  # the host's clock is set back by less than a jump
+        before = clock.value
+        found = clock.update(k * MS, k * MS + offset - 20 * MS)
+        assert found == max(before - MS // 2, offset - 20 * MS)
+    assert clock.jumps == 0
+    assert found == offset - 20 * MS

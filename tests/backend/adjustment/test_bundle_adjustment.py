@@ -7,7 +7,13 @@ from scenes import CAMERA, spin, tracks_of, unit
 
 from esfo_backend.adjustment import bundle_adjustment as adjust_module
 from esfo_backend.adjustment import factor_graph as graph_module
-from esfo_backend.adjustment.bundle_adjustment import _step, bundle_adjustment, linear_points, normal_equations
+from esfo_backend.adjustment.bundle_adjustment import (
+    OrbitSolution,
+    _step,
+    bundle_adjustment,
+    linear_points,
+    normal_equations,
+)
 from esfo_backend.adjustment.covariance import motion_covariance, schur_marginal
 from esfo_backend.adjustment.factor_graph import graph_values, optimise_graph, orbit_factor
 from esfo_backend.orbit.observations import observations
@@ -180,3 +186,25 @@ def test_rows_count_by_their_sigma():
             solved = bundle_adjustment(start, linear_points(start, obs), obs, 0.0, free_rate=False)
             errors.append(angle_between(solved.motion.axis, AXES[2]))
     assert np.mean(np.square(known)) < 0.25 * np.mean(np.square(unknown))
+
+
+@pytest.mark.parametrize("axis", [AXES[2], AXES[3]])
+def test_axis_covariance_is_that_of_turned_orbits(axis):
+    """A right rotation of Q about x and y with a correlation of 0.6 moves the axis with that of turned orbits.
+
+    The scales of both are measured, and are divided out.
+    """
+    scene = tracks_of(spin(axis), noise_px=0.3, points=20)
+    obs, _ = observations(scene.tracks, CAMERA, 4)
+    motion = motion_from_axis(axis, scene.spin.center, 0.5)
+    solution = OrbitSolution(motion, linear_points(motion, obs), 0.0, 0)
+    marginal = np.eye(4)
+    marginal[0, 1] = marginal[1, 0] = 0.6
+    found = motion_covariance(solution, obs, marginal, 1.0).axis_cov
+    moved = []
+    for d in (np.array([1.0, 0, 0]), np.array([0, 1.0, 0])):
+        turned = motion_from_axis(axis, scene.spin.center, 0.5).Q @ rotation(d, 1e-6)
+        moved.append(tangent_basis(axis).T @ (-turned[:, 2] + motion.Q[:, 2]) / 1e-6)
+    back = np.linalg.inv(np.transpose(moved))
+    cov = back @ found @ back.T  # of the rotation vector again
+    assert cov[0, 1] / np.sqrt(cov[0, 0] * cov[1, 1]) == pytest.approx(0.6, rel=1e-5)

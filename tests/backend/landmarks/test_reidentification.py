@@ -12,9 +12,10 @@ from esfo_backend.adjustment.bundle_adjustment import (
     linear_points,
     normal_equations,
 )
-from esfo_backend.landmarks.landmarks import Landmarks, drop_far, reobservable_points, reobserved_points
+from esfo_backend.errors import BackendError
+from esfo_backend.landmarks.landmarks import Landmarks, drop_far, prune, reobservable_points, reobserved_points
 from esfo_backend.landmarks.reidentification import merge_round, point_rms, reidentify
-from esfo_backend.options import ReidentificationOptions
+from esfo_backend.options import BackendOptions, ReidentificationOptions
 from esfo_backend.orbit.observations import observations
 from esfo_backend.orbit.parametrization import motion_from_axis
 from esfo_backend.orbit.projection import row_errors
@@ -134,3 +135,21 @@ def test_points_that_can_and_do_come_round_again_are_counted(turns):
     assert reobservable_points(obs, 0.5) == able
     assert reobserved_points(obs, 0.5) == again
     assert (able > 0) == (turns > 1)
+
+
+def test_pruning_drops_false_tracks_and_refuses_too_few_points():
+    scene = tracks_of(spin(unit(0.3, -0.8, 0.4)), noise_px=0.3, outliers=0.2)
+    obs, ids = observations(scene.tracks, CAMERA, 4)
+    motion = motion_from_axis(scene.spin.axis, scene.spin.center, 0.5)
+    whole = Landmarks(obs, bundle_adjustment(motion, linear_points(motion, obs), obs, 1.0), np.arange(obs.points))
+    options = BackendOptions()
+    found = prune(whole, options)
+    true = scene.point_of_track[ids] >= 0
+    kept = found.label >= 0
+    assert kept[true].mean() > 0.95
+    assert kept[~true].mean() < 0.5 * kept[true].mean()
+    errors = row_errors(found.solution.motion.Q, found.solution.motion.rate_hz, found.solution.y, found.obs.rows)
+    assert point_rms(errors, found.obs).max() < 1.1 * options.graph.prune_px
+    few = replace(options, verdict=replace(options.verdict, min_points=obs.points))
+    with pytest.raises(BackendError, match=f"{obs.points} are needed"):
+        prune(whole, few)

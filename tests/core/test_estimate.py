@@ -19,6 +19,7 @@ PROMISED = {
 BESIDE = {"reason", "t0_ns", "alternatives"}  # why there is no estimate; the time of X in points.ply; what was rejected
 BESIDE |= {"level", "rates"}  # how much is known, and the rate from each source alone
 BESIDE |= {"spin_rate_slope_hz_s", "spin_rate_slope_std_hz_s"}  # whether the rate is constant
+BESIDE |= {"focal_px", "focal_std_px"}  # of a camera that was only assumed
 
 SPIN = Spin(np.array([0.6, 0.8, 0.0]), 0.5, np.array([0.1, 0.0, 4.0]), 1_700_000_000_123_456_789)
 VERSIONS = {"esfo": "0.1.0"}
@@ -80,6 +81,8 @@ def test_an_estimate_is_written_with_the_promised_keys_and_values(tmp_path):
         "center": [0.1, 0.0, 4.0],
         "t0_ns": 1_700_000_000_123_456_789,
         "radius": orbit["r"],
+        "focal_px": None,
+        "focal_std_px": None,
         "scale": "unit",
         "points": 5,
         "tracks": 7,
@@ -113,6 +116,8 @@ def test_a_failure_has_the_same_keys_and_invents_no_number(tmp_path):
     absent = {"spin_rate_hz", "spin_rate_std_hz", "axis", "axis_std_deg", "center", "t0_ns", "radius", "orbit"}
     assert {key for key, value in content.items() if value is None} == absent | {
         "rms_reprojection_px",
+        "focal_px",
+        "focal_std_px",
         "spin_rate_slope_hz_s",
         "spin_rate_slope_std_hz_s",
     }

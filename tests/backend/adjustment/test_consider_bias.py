@@ -10,9 +10,9 @@ from esfo_backend.adjustment.consider_bias import (
     MOTION,
     SLOPE,
     _widen,
-    bias_sensitivity,
     reduced_equations,
     row_scores,
+    sensitivity,
 )
 from esfo_backend.adjustment.covariance import motion_covariance
 from esfo_backend.adjustment.factor_graph import optimise_graph
@@ -65,7 +65,7 @@ def test_sensitivity_is_what_a_biased_scene_shows(kind):
     scene = tracks_of(spin(AXIS), track_s=1.2)
     clean, obs = solved(scene.tracks, scene.point_of_track, scene.spin.center)
     information, _ = reduced_equations(clean.motion.Q, clean.motion.rate_hz, clean.y, obs.rows, 0.0, 1)
-    expected = bias_sensitivity(information.sum(axis=0), np.arange(4))[:, kind]
+    expected = sensitivity(information.sum(axis=0), np.arange(4), np.arange(5, 9))[:, kind]
     size = 0.05
     off, _ = solved(biased(scene, size * np.eye(4)[kind]), scene.point_of_track, scene.spin.center)
     turned = clean.motion.Q.T @ off.motion.Q

@@ -30,7 +30,9 @@ def started(scene, turns=1.5, options=None):
     first = between(scene.tracks, 0, scene.spin.t0 + int(turns * TURN_NS))
     incremental = IncrementalSolver(CAMERA, options)
     ids = np.unique(first.track_id)
-    incremental.begin(first, motion_from_axis(scene.spin.axis, scene.spin.center, 0.5), ids, np.arange(len(ids)))
+    incremental.begin(
+        first, motion_from_axis(scene.spin.axis, scene.spin.center, 0.5), ids, np.arange(len(ids)), CAMERA
+    )
     return incremental
 
 

@@ -213,12 +213,12 @@ def test_files_that_are_no_state_are_named(tmp_path):
     with pytest.raises(StateError, match="not the state"):
         Backend.load(path)
     np.savez(path, version=99)
-    with pytest.raises(StateError, match="version 99, this is version 3"):
+    with pytest.raises(StateError, match="version 99, this is version 4"):
         Backend.load(path)
     np.savez(path, version=1)
-    with pytest.raises(StateError, match="version 1, this is version 3"):
+    with pytest.raises(StateError, match="version 1, this is version 4"):
         Backend.load(path)
-    np.savez(path, version=3)
+    np.savez(path, version=4)
     with pytest.raises(StateError, match="damaged"):
         Backend.load(path)
     np.savez(path, points=np.zeros(3))

@@ -207,7 +207,8 @@ class Backend:
             return None
         if result.rate is None or result.initialisation is None or _NOT_INCREMENTAL & set(result.estimate.flags):
             return None
-        self._incremental.begin(data.tracks, landmarks.solution.motion, track_ids, landmarks.label)
+        camera = result.estimate.camera(self.camera)
+        self._incremental.begin(data.tracks, landmarks.solution.motion, track_ids, landmarks.label, camera)
         certain = result.estimate.status == "ok" and result.initialisation.certain
         return RateLock(result.rate, result.initialisation, result.rate.rate_hz * data.duration_s, certain)
 
@@ -230,7 +231,8 @@ class Backend:
                 lock = self._confirm(lock, revolutions, watch)
             with watch.stage("graph"):
                 landmarks, graph = self._incremental.update(new_rows)
-            optimum = Optimum(landmarks, graph, lock.rate, lock.initialisation, (begin, end))
+            camera = self._incremental.camera
+            optimum = Optimum(landmarks, graph, lock.rate, lock.initialisation, (begin, end), camera=camera)
             estimate = build_estimate(optimum, self.options, watch.seconds)
         except BackendError:
             return None

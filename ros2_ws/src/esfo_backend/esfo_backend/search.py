@@ -12,12 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
 from esfo_backend.adjustment.factor_graph import GraphOptimum, optimise_graph
 from esfo_backend.errors import BackendError
 from esfo_backend.initialise.axis_search import search_axis
 from esfo_backend.initialise.initialisation import Initialisation, initialise
 from esfo_backend.initialise.rate_evidence import RateComparison, compare_rates, second_axis_z
 from esfo_backend.landmarks.landmarks import Landmarks, build_landmarks, drop_far, prune
+from esfo_backend.landmarks.refine_focal import refine_focal
 from esfo_backend.options import BackendOptions
 from esfo_backend.orbit.observations import Observations, observations
 from esfo_backend.orbit.selection import longest_points
@@ -263,15 +265,22 @@ def _refine(
     hypothesis: RateHypothesis, prepared: _Prepared, data: SearchInput, watch: Stopwatch
 ) -> tuple[Landmarks, OrbitEstimate]:
     options, rate = data.options, prepared.rate
-    with watch.stage("reidentification"):
-        landmarks = build_landmarks(prepared.initialisation.solution, prepared.obs, options)
-    with watch.stage("graph"):
-        landmarks, optimum = _optimise(prune(landmarks, options), options)
+
+    def refine(start: OrbitSolution, obs: Observations) -> tuple[Landmarks, GraphOptimum]:
+        with watch.stage("reidentification"):
+            landmarks = build_landmarks(start, obs, options)
+        with watch.stage("graph"):
+            return _optimise(prune(landmarks, options), options)
+
+    noise = (options.graph.cauchy_px, options.graph.bias_px)
+    landmarks, optimum, camera = refine_focal(
+        refine, prepared.initialisation.solution, prepared.obs, data.camera, noise
+    )
     tracks_hz = optimum.solution.motion.rate_hz
     if hypothesis.kind in ("period", "multiple") and not rate.agrees_with(tracks_hz):
         mismatch = f"the spin rate of the tracks is {tracks_hz:.4f} Hz, that of the event stream {rate.rate_hz:.4f} Hz"
         raise _aperiodic(mismatch, data)
-    found = Optimum(landmarks, optimum, rate, prepared.initialisation, prepared.span, hypothesis.ramp)
+    found = Optimum(landmarks, optimum, rate, prepared.initialisation, prepared.span, hypothesis.ramp, camera)
     estimate = build_estimate(found, options, watch.seconds)
     unnamed = estimate.status == "failed" and not estimate.flags
     if unnamed and unconfirmed(reobserved(landmarks, options), options.verdict):

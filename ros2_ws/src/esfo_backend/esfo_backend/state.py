@@ -28,7 +28,7 @@ from esfo_core.errors import EsfoError
 from esfo_core.orbit import Matrix
 from esfo_core.tracks import Tracks, TrackUpdate
 
-VERSION = 3
+VERSION = 4
 
 Arrays = dict[str, NDArray[np.generic]]
 _COLUMNS = ("track_id", "t", "uv", "sigma")
@@ -54,6 +54,7 @@ def save_state(path: Path, camera: Camera, memory: StreamMemory, state: Incremen
         "size": [camera.width, camera.height],
         "K": camera.K,
         "D": camera.D,
+        "focal_std": camera.focal_std,
         "distortion_model": camera.distortion_model,
         "reobserved": memory.reobserved,
         "factor": memory.factor,
@@ -95,7 +96,9 @@ def load_state(path: Path, options: BackendOptions) -> tuple[Camera, StreamMemor
 def _camera(arrays: Arrays) -> Camera:
     width, height = (int(v) for v in arrays["size"])
     K, D = np.asarray(arrays["K"], np.float64), np.asarray(arrays["D"], np.float64)
-    return Camera(width, height, K, str(arrays["distortion_model"]), D)
+    return Camera(
+        width, height, K, str(arrays["distortion_model"]), D, float(np.asarray(arrays["focal_std"], np.float64))
+    )
 
 
 def _memory(arrays: Arrays, options: MemoryOptions) -> StreamMemory:
@@ -117,6 +120,7 @@ def _incremental_arrays(state: IncrementalState) -> dict[str, ArrayLike]:
         "solved_until": state.solved_until,
         "working_Q": solver.motion.Q,
         "working_rate_hz": solver.motion.rate_hz,
+        "working_focal": [solver.camera.focal_px, solver.camera.focal_std],
         "working_ids": solver.ids,
         "working_label": solver.label,
         "working_lost": solver.lost,
@@ -127,7 +131,7 @@ def _incremental_arrays(state: IncrementalState) -> dict[str, ArrayLike]:
 def _incremental(arrays: Arrays, camera: Camera, options: BackendOptions) -> IncrementalState | None:
     if "solved_until" not in arrays:
         return None
-    solver = IncrementalSolver(camera, options)
+    solver = IncrementalSolver(camera.with_focal(*np.asarray(arrays["working_focal"], np.float64).tolist()), options)
     Q = np.asarray(arrays["working_Q"], np.float64).reshape(3, 3)
     solver.motion = Motion(Q, float(np.asarray(arrays["working_rate_hz"], np.float64)))
     solver.ids = np.asarray(arrays["working_ids"], np.uint32)

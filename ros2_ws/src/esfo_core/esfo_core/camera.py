@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -50,6 +51,7 @@ class Camera:
     distortion_model: `plumb_bob`, `rational_polynomial` or `equidistant`, or the name that another tool has for it;
     D: its coefficients in ROS order (empty: no distortion), of which those at the end may be missing or too many where
     they are zero.
+    focal_std: standard deviation of the focal length, relative; 0 for one that is calibrated.
 
     Raises CameraError for non-finite or impossible values.
     """
@@ -59,6 +61,7 @@ class Camera:
     K: NDArray[np.float64]
     distortion_model: str = "plumb_bob"
     D: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    focal_std: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width <= 0 or self.height <= 0:
@@ -69,6 +72,8 @@ class Camera:
             raise CameraError(f"focal lengths {self.K[0, 0]}, {self.K[1, 1]} are not positive (uncalibrated?)")
         if self.K[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]].tolist() != [0, 0, 0, 0, 1]:
             raise CameraError(f"camera matrix has skew or a last row other than 0, 0, 1: {self.K.tolist()}")
+        if not 0 <= self.focal_std < np.inf:
+            raise CameraError(f"standard deviation {self.focal_std} of the focal length is not one")
         self._check_distortion()
 
     def _check_distortion(self) -> None:
@@ -94,6 +99,12 @@ class Camera:
         """Return an ideal camera with square pixels and the principal point at the image centre."""
         K = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
         return Camera(width, height, K)
+
+    def with_focal(self, focal_px: float, focal_std: float) -> Camera:
+        """Return the camera with another mean focal length in pixels, of standard deviation focal_std (relative)."""
+        K = self.K.copy()
+        K[[0, 1], [0, 1]] *= focal_px / self.focal_px
+        return replace(self, K=K, focal_std=focal_std)
 
     @property
     def focal_px(self) -> float:

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from esfo_core.camera import Camera
 from esfo_core.orbit import OrbitError, Spin
 
 Status = Literal["ok", "degenerate", "failed"]
@@ -58,6 +59,7 @@ class OrbitEstimate:
     they do not show it. Lengths are in units of `scale`: `unit` sets the orbit radius to 1.
     rate_std_hz: standard deviation of the rate; with the flag rate_not_constant the rate is that at spin.t0.
     rate_slope_hz_s, rate_slope_std_hz_s: change of the rate with its standard deviation, Hz per second.
+    focal_px, focal_std_px: estimated focal length with its standard deviation; NaN for a calibrated camera.
     axis_cov: (2, 2) rad^2 in `tangent_basis(axis)`.
     points: (P, 3) in the object's coordinates at spin.t0 (camera-aligned, origin at spin.center).
     point_rms_px, point_observations: (P,) reprojection error and number of observations of each point.
@@ -82,6 +84,8 @@ class OrbitEstimate:
     initialisation: str
     rate_slope_hz_s: float = math.nan
     rate_slope_std_hz_s: float = math.nan
+    focal_px: float = math.nan
+    focal_std_px: float = math.nan
     level: Level = "none"
     stream_rate: RateEstimate | None = None
     track_rate: RateEstimate | None = None
@@ -100,6 +104,10 @@ class OrbitEstimate:
         if not np.isfinite(self.axis_cov).all():
             return math.nan
         return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.axis_cov)[-1], 0.0))))
+
+    def camera(self, assumed: Camera) -> Camera:
+        """Return the camera that the estimate is for: `assumed`, or that with the focal length that was estimated."""
+        return assumed.with_focal(self.focal_px, self.focal_std_px / self.focal_px) if self.focal_px > 0 else assumed
 
     @staticmethod
     def failure(reason: str, **known: object) -> OrbitEstimate:
@@ -140,6 +148,8 @@ class OrbitEstimate:
             "spin_rate_slope_hz_s": self.rate_slope_hz_s,
             "spin_rate_slope_std_hz_s": self.rate_slope_std_hz_s,
             "axis_std_deg": self.axis_std_deg,
+            "focal_px": self.focal_px,
+            "focal_std_px": self.focal_std_px,
             "scale": self.scale,
             "points": len(self.points),
             "tracks": self.tracks,

@@ -146,12 +146,12 @@ def _widen(rate: float, y: NDArray[np.floating], rows: ObservationRows, k: int, 
         wide[i, 8], wide[i, 9] = weight * along * side, weight * aside * side
 
 
-def bias_sensitivity(information: Matrix, solved: NDArray[np.int64]) -> Matrix:
-    """Derivative (S, 4) of the estimated columns `solved` (S,) by a bias of each kind, per px.
+def sensitivity(information: Matrix, solved: NDArray[np.int64], considered: NDArray[np.int64]) -> Matrix:
+    """Derivative (S, C) of the estimated columns `solved` (S,) by the columns `considered` (C,).
 
-    information: (10, 10), summed over points.
+    information: (10, 10), summed over points. The columns `solved` alone are estimated.
     """
-    return solve_scaled(information[np.ix_(solved, solved)], information[solved, BIAS])
+    return solve_scaled(information[np.ix_(solved, solved)], information[np.ix_(solved, considered)])
 
 
 def solve_scaled(information: Matrix, right: Matrix) -> Matrix:
@@ -194,6 +194,6 @@ def gauss_newton(
     influence = row_scores(motion.Q, motion.rate_hz, solution.y, rows, cauchy_px, whole)[:, solved] @ inverse
     shared = common_variance(influence, Timeline(rows.dt, rows.first, motion.rate_hz))
     ratio = np.sqrt(1 + shared / np.maximum(np.diag(independent), 1e-300))
-    biased = bias_px * bias_sensitivity(information, solved)
+    biased = bias_px * sensitivity(information, solved, np.arange(COLUMNS)[BIAS])
     bias = biased @ biased.T
     return GaussNewtonStep(step, independent * np.outer(ratio, ratio) + bias, independent + bias)

@@ -8,12 +8,21 @@ import numpy as np
 
 from esfo_backend.adjustment.bundle_adjustment import OrbitSolution
 from esfo_backend.adjustment.common_errors import Timeline, common_variance
-from esfo_backend.adjustment.consider_bias import COLUMNS, MOTION, bias_sensitivity, reduced_equations, row_scores
+from esfo_backend.adjustment.consider_bias import (
+    BIAS,
+    COLUMNS,
+    FOCAL,
+    MOTION,
+    reduced_equations,
+    row_scores,
+    sensitivity,
+)
 from esfo_backend.orbit.observations import Observations
 from esfo_backend.orbit.projection import row_errors
 from esfo_core.orbit import Matrix, tangent_basis
 
 _MOTION_PARAMETERS = 4
+CONSIDERED = np.append(np.arange(COLUMNS)[BIAS], FOCAL)
 
 
 @dataclass(frozen=True)
@@ -25,7 +34,12 @@ class MotionCovariance:
 
 
 def motion_covariance(
-    solution: OrbitSolution, obs: Observations, marginal: Matrix, cauchy_px: float, bias_px: float = 0.0
+    solution: OrbitSolution,
+    obs: Observations,
+    marginal: Matrix,
+    cauchy_px: float,
+    bias_px: float = 0.0,
+    focal_std: float = 0.0,
 ) -> MotionCovariance:
     """Scale the graph's marginal covariance by the variance of the residuals.
 
@@ -34,7 +48,8 @@ def motion_covariance(
     errors are correlated along a track, and that landmarks may share at the same time (`common_variance`), as with a
     camera that trembles. The larger variance of each parameter is kept, because the sandwich estimate is noisy for few
     landmarks. A bias of corners of standard deviation bias_px, common to all landmarks, is added as in a
-    Schmidt-Kalman filter (its parameters are considered, not estimated). NaN where the marginal is.
+    Schmidt-Kalman filter (its parameters are considered, not estimated), and so is a focal length of relative standard
+    deviation focal_std. NaN where the marginal is.
     """
     motion = solution.motion
     information, scores = reduced_equations(motion.Q, motion.rate_hz, solution.y, obs.rows, cauchy_px, 1)
@@ -47,7 +62,8 @@ def motion_covariance(
     independent = _independent_variance(solution, obs, cauchy_px) * marginal
     ratio = np.sqrt(np.maximum(sandwich / np.maximum(np.diag(independent), 1e-300), 1.0))
     cov = independent * np.outer(ratio, ratio)
-    moved = bias_px * bias_sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS))
+    moved = sensitivity(information.sum(axis=0), np.arange(_MOTION_PARAMETERS), CONSIDERED)
+    moved = moved * np.append(np.full(len(CONSIDERED) - 1, bias_px), focal_std)
     cov = cov + moved @ moved.T
     # A right rotation vector d of Q moves the axis by -Q (d x e_z) = Q (-d_y, d_x, 0).
     to_tangent = tangent_basis(motion.axis).T @ motion.Q @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 0]])

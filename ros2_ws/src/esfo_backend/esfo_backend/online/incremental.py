@@ -33,7 +33,7 @@ class IncrementalSolver:
     """Working set of tracks, the motion, and the landmark of each track.
 
     motion: None before `begin`. ids, label: (K,) tracks whose landmark is known, ascending, and their landmarks. lost:
-    ids of tracks without a landmark. tracks: the working set.
+    ids of tracks without a landmark. tracks: the working set. camera: the one that the motion is for.
     """
 
     def __init__(self, camera: Camera, options: BackendOptions) -> None:
@@ -42,10 +42,11 @@ class IncrementalSolver:
         self.label: Labels = np.empty(0, np.int64)
         self.lost: Ids = np.empty(0, np.uint32)
         self.tracks = Tracks.empty()
-        self._camera, self._options = camera, options
+        self.camera, self._options = camera, options
 
-    def begin(self, tracks: Tracks, motion: Motion, ids: Ids, label: Labels) -> None:
-        """Initialise from a search: tracks, the motion, and the landmark of each track id, -1 for none."""
+    def begin(self, tracks: Tracks, motion: Motion, ids: Ids, label: Labels, camera: Camera) -> None:
+        """Initialise from a search: tracks, motion, the landmark of each track id, -1 for none, and the camera."""
+        self.camera = camera
         self.tracks, self.lost = tracks, ids[label < 0]
         self._remember(motion, ids, label)
         self.tracks = self._chosen(tracks)
@@ -66,7 +67,7 @@ class IncrementalSolver:
             raise BackendError("no search has found a motion yet")
         options = self._options
         self.tracks = self._chosen(Tracks.concatenate([self.tracks, new_rows]))
-        obs, ids = observations(self.tracks, self._camera, options.initialisation.min_observations)
+        obs, ids = observations(self.tracks, self.camera, options.initialisation.min_observations)
         label = self._label_of(ids)
         grouped = obs.regroup(label)
         y = linear_points(self.motion, grouped)

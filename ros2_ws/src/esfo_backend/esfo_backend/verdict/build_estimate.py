@@ -22,6 +22,7 @@ from esfo_backend.spin_rate.rate_ramp import RateRamp
 from esfo_backend.verdict.rate_slope import RateSlope, rate_slope
 from esfo_backend.verdict.rigidity import rigidity, widened
 from esfo_backend.verdict.verdict import Evidence, judge, moves_on
+from esfo_core.camera import Camera
 from esfo_core.estimate import Alternative, OrbitEstimate, RateEstimate
 from esfo_core.events import NS_PER_S
 
@@ -34,7 +35,7 @@ class Optimum:
     """Optimum of the factor graph and the data that it was computed from.
 
     landmarks: tracks, points and motion. result: of the optimisation. rate: of the event stream. span: begin and end of
-    the data, ns. ramp: None for a constant rate.
+    the data, ns. ramp: None for a constant rate. camera: the one that it is for, None for a calibrated one.
     """
 
     landmarks: Landmarks
@@ -43,6 +44,12 @@ class Optimum:
     initialisation: Initialisation
     span: tuple[int, int]
     ramp: RateRamp | None = None
+    camera: Camera | None = None
+
+    @property
+    def focal_std(self) -> float:
+        """Standard deviation of the focal length, relative; 0 for a calibrated camera."""
+        return 0.0 if self.camera is None else self.camera.focal_std
 
     @property
     def duration_s(self) -> float:
@@ -95,6 +102,8 @@ def build_estimate(optimum: Optimum, options: BackendOptions, timing_s: dict[str
         track_rate=None if optimum.ramp else evidence.rigidity.track_rate(motion.rate_hz),
         rate_slope_hz_s=evidence.rate_slope.slope,
         rate_slope_std_hz_s=evidence.rate_slope.std,
+        focal_px=optimum.camera.focal_px if optimum.camera and optimum.focal_std else np.nan,
+        focal_std_px=optimum.camera.focal_px * optimum.focal_std if optimum.camera and optimum.focal_std else np.nan,
         **known,
     )
 
@@ -117,7 +126,7 @@ def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
     landmarks, rate = optimum.landmarks, optimum.rate
     solution, obs, motion = landmarks.solution, landmarks.obs, landmarks.solution.motion
     noise = (options.graph.cauchy_px, options.graph.bias_px)
-    covariance = motion_covariance(solution, obs, optimum.result.marginal, *noise)
+    covariance = motion_covariance(solution, obs, optimum.result.marginal, *noise, optimum.focal_std)
     rate_change = rate_slope(solution, obs, *noise)
     if optimum.ramp:
         slope = optimum.ramp.relative_slope

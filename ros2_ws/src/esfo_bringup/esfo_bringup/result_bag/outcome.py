@@ -83,7 +83,8 @@ def _write_turning(bag: MessageBag, estimate: OrbitEstimate, first: int, end: in
 def _write_overlay(
     bag: MessageBag, result: RunResult, source: Source, frames: Iterable[tuple[int, NDArray[np.uint8]]], last: int
 ) -> None:
-    line = line_pixels(screw_line(result.estimate.spin, source.camera), source.camera.width, source.camera.height)
+    camera = result.estimate.camera(source.camera)
+    line = line_pixels(screw_line(result.estimate.spin, camera), camera.width, camera.height)
     tracks = result.tracks.select(np.argsort(result.tracks.t, kind="stable"))
     for end, levels in frames:
         t = min(end, last)

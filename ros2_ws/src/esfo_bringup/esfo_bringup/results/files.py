@@ -29,7 +29,7 @@ def write_results(
     estimate = result.estimate
     write_result_files(folder, estimate, result.tracks)
     with whole_file(folder / "axis.png") as path:
-        draw_events(estimate, source.camera, event_image).savefig(path, dpi=_DPI)
+        draw_events(estimate, estimate.camera(source.camera), event_image).savefig(path, dpi=_DPI)
     checks = folder / "checks.png"
     checks.unlink(missing_ok=True)
     if estimate.spin is not None:

@@ -26,6 +26,8 @@ from esfo_core.camera import Camera
 from esfo_core.estimate import Alternative, OrbitEstimate, RateEstimate
 from esfo_core.events import NS_PER_S
 
+_RULED_OUT_Z = 3.0
+
 _OTHER_MOTION = {"not_a_rotation", "rate_not_constant"}
 """Flags of a failed estimate that are positive evidence of another motion than a rotation at one rate."""
 
@@ -145,12 +147,22 @@ def _evidence(optimum: Optimum, options: BackendOptions) -> Evidence:
         reobservable=reobservable_points(obs, motion.rate_hz),
         inliers=float((landmarks.label >= 0).mean()),
         alternatives=_alternatives(rate, optimum.initialisation),
-        harmonic_z=min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf),
+        harmonic_z=_harmonic_z(rate),
         rate_slope=rate_change,
         rigidity=rigidity(solution, obs, *noise),
         revolutions=optimum.revolutions,
         duration_s=optimum.duration_s,
     )
+
+
+def _harmonic_z(rate: SpinRate) -> float:
+    """Significance with which the stream rules out the least unlikely fraction of its period.
+
+    A stream of which all resolutions were searched states it for few revolutions, too: 3 are enough there, and the
+    tracks are compared at other rates besides.
+    """
+    z = min((h.z for h in rate.harmonics if h.rate_hz > rate.rate_hz), default=np.inf)
+    return np.inf if np.isfinite(rate.rate_std_hz) and z > _RULED_OUT_Z else z
 
 
 def _alternatives(rate: SpinRate, initialisation: Initialisation) -> tuple[Alternative, ...]:

@@ -8,6 +8,7 @@ import pytest
 from scenes import CAMERA, NONE_ENDED, spin, tracks_of, unit
 
 from esfo_backend.adjustment.bundle_adjustment import bundle_adjustment, linear_points
+from esfo_backend.adjustment.covariance import motion_covariance, schur_marginal
 from esfo_backend.adjustment.focal_length import estimate_focal, with_focal
 from esfo_backend.backend import Backend
 from esfo_backend.options import BackendOptions, InitialisationOptions
@@ -99,3 +100,17 @@ def test_the_focal_length_goes_on_in_incremental_estimates_and_in_a_state(tmp_pa
         after = other.solve(thorough=False)
         assert after.focal_px == pytest.approx(first.focal_px)
         assert after.focal_std_px == pytest.approx(first.focal_std_px)
+
+
+def test_the_covariance_of_the_axis_contains_what_another_lens_does_to_it():
+    """Against the axis of the same pixels behind a lens 2 % longer and shorter."""
+    solution, obs = optimum(CAMERA)
+    marginal, basis = schur_marginal(solution, obs, 1.0), tangent_basis(solution.motion.axis)
+    step, axes = 0.02, []
+    for s in (-step, step):
+        moved = with_focal(obs, float(np.exp(s)))
+        axes.append(bundle_adjustment(solution.motion, linear_points(solution.motion, moved), moved, 1.0).motion.axis)
+    shift = basis.T @ (axes[1] - axes[0]) / (2 * step)
+    known, open_ = (motion_covariance(solution, obs, marginal, 1.0, 0.0, std).axis_cov for std in (0.0, 0.3))
+    expected = 0.3**2 * np.outer(shift, shift)
+    np.testing.assert_allclose(open_ - known, expected, rtol=0.1, atol=0.1 * np.abs(expected).max())

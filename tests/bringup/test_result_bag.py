@@ -16,6 +16,7 @@ from esfo_bringup.replay.messages import packet_message
 from esfo_bringup.replay.player import packets
 from esfo_bringup.result_bag.cdr import serialise
 from esfo_core.activity import Activity
+from esfo_core.activity_pyramid import BINS as PYRAMID_BINS
 from esfo_core.orbit import Spin, object_frame
 from esfo_core.recordings import open_recording
 from esfo_core.tracks import Tracks
@@ -170,11 +171,13 @@ def test_tracks_corners_and_activity_are_complete(scene, folder, bag):
     events = np.concatenate(list(open_recording(scene).chunks()))
     times = np.concatenate([m.t for m in corners])
     assert np.isin(times, events["t"]).all()
-    bins = [m for _, m in bag["/event_activity"]]
+    bins = [m for _, m in bag["/event_activity"] if m.bin not in PYRAMID_BINS]
     counts = np.concatenate([m.counts.reshape(-1, 2, m.rows, m.columns) for m in bins])
     m = bins[0]
     twin = Activity.from_events(events, m.t0, len(counts), m.bin, m.cell, (m.rows, m.columns))
     assert (counts == twin.counts).all()
+    pyramid = [m for _, m in bag["/event_activity"] if m.bin in PYRAMID_BINS]
+    assert len({m.bin for m in pyramid}) > 8
 
 
 def test_the_overlay_shows_events_tracks_and_line(scene, bag):

@@ -163,10 +163,10 @@ def test_why_there_is_no_period():
     slides = explain_aperiodic(straight(40, (30.0, 10.0)), 2.0, 10, 800.0)
     part = explain_aperiodic(tracks_of(spin(AXIS), duration_s=0.8).tracks, 0.8, 10, 800.0)
     much = explain_aperiodic(tracks_of(spin(AXIS), duration_s=8.0).tracks, 8.0, 10, 800.0)
-    assert (still.flag, nothing.flag, slides.flag) == ("not_a_rotation",) * 3
+    assert (still.flag, nothing.flag, slides.flag) == ("too_few_tracks", "too_few_tracks", "not_a_rotation")
     assert "translation" in slides.reason
     assert "0 tracks move" in still.reason
-    assert (part.flag, much.flag) == ("too_few_turns", "not_a_rotation")
+    assert (part.flag, much.flag) == ("too_few_turns", "no_repetition")
 
 
 @pytest.mark.parametrize("velocity", [(0.1, 0.05, -0.4), (0.0, 0.1, 0.6), (0.0, 0.0, -0.3), (0.3, 0.0, 0.0)])

@@ -152,7 +152,7 @@ NO_FIXED_AXIS = {
         lambda: replace(far(SMALL, 1.6, velocity_x_m_s=0.06, velocity_z_m_s=-0.1), duration_s=2.0, **STILL),
         "not_a_rotation",
     ),
-    "static": (lambda: replace(SMALL, duration_s=1.0, **STILL), "not_a_rotation"),
+    "static": (lambda: replace(SMALL, duration_s=1.0, **STILL), "too_few_tracks"),
     "slowing": (lambda: replace(SMALL, motion=MotionOptions(rate_slope_hz_s=-0.12)), "rate_not_constant"),
     "along the view": (
         lambda: replace(SMALL, view="custom", elevation_deg=89.0, roll_deg=10.0),

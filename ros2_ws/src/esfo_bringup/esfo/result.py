@@ -19,6 +19,9 @@ from esfo_core.estimate_text import printed_facts
 from esfo_core.tracks import Tracks, TrackUpdate
 from esfo_frontend.trackers import Statistics
 
+Update = tuple[TrackUpdate, Activity | None, tuple[Activity, ...]]
+"""What `Backend.add` takes: tracks, activity and pieces of the activity pyramid."""
+
 
 @dataclass(frozen=True)
 class TrackedRecording:
@@ -32,7 +35,7 @@ class TrackedRecording:
     settings: RunSettings
     tracks: Tracks
     statistics: Statistics
-    updates: tuple[tuple[TrackUpdate, Activity | None], ...] = field(repr=False)
+    updates: tuple[Update, ...] = field(repr=False)
     image: EventImage = field(repr=False)
 
 
@@ -62,7 +65,7 @@ class Result:
 
         Raises EsfoError when a file cannot be written, OSError a picture.
         """
-        activity = [piece for _, piece in self.tracked.updates if piece is not None]
+        activity = [piece for _, piece, _ in self.tracked.updates if piece is not None]
         write_results(self.outcome, self.tracked.source, self.tracked.image, activity, Path(folder))
 
     def __str__(self) -> str:

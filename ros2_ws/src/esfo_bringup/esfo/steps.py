@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from esfo.result import Result, TrackedRecording
+from esfo.result import Result, TrackedRecording, Update
 from esfo_backend.backend import Backend
 from esfo_bringup.offline.pipeline import RunResult, solve_offline, track_offline
 from esfo_bringup.offline.source import Source, open_source
 from esfo_bringup.results.event_image import EventImage
 from esfo_bringup.settings import RunSettings, settings_for, share_out
-from esfo_core.activity import Activity
 from esfo_core.camera import Camera
 from esfo_core.errors import OptionError
 from esfo_core.events import EventArray
 from esfo_core.options import replace
 from esfo_core.recordings import ReadingOptions
-from esfo_core.tracks import TrackUpdate
 from esfo_frontend.frontend import FrontendOutput
 from esfo_simulation.scene import SceneOptions
 from esfo_simulation.scene_files import write_scene
@@ -57,11 +55,11 @@ def track(source: Source, settings: RunSettings | None = None) -> TrackedRecordi
     """Read the whole recording and track features in it. Raises RecordingError; settings None: the defaults."""
     settings = settings or settings_for("default", {})
     image = EventImage(source.recording.width, source.recording.height)
-    updates: list[tuple[TrackUpdate, Activity | None]] = []
+    updates: list[Update] = []
 
     def listen(events: EventArray, output: FrontendOutput) -> None:
         image.add(events)
-        updates.append((output.tracks, output.activity))
+        updates.append((output.tracks, output.activity, output.pyramid))
 
     tracks, statistics = track_offline(source.recording, settings, listen)
     return TrackedRecording(source, settings, tracks, statistics, tuple(updates), image)
@@ -73,8 +71,8 @@ def estimate(tracked: TrackedRecording, settings: RunSettings | None = None) -> 
     settings None: those of the tracking.
     """
     backend = Backend(tracked.source.camera, (settings or tracked.settings).backend)
-    for update, activity in tracked.updates:
-        backend.add(update, activity)
+    for update in tracked.updates:
+        backend.add(*update)
     found, note = solve_offline(backend, tracked.source)
     return Result(tracked, RunResult(found, tracked.tracks, tracked.statistics, note))
 

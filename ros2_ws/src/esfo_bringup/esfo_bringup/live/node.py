@@ -32,6 +32,7 @@ from esfo_bringup.results.event_image import EventImage
 from esfo_bringup.results.files import write_results
 from esfo_bringup.settings import share_out
 from esfo_core.activity import Activity
+from esfo_core.activity_pyramid import BINS as PYRAMID_BINS
 from esfo_core.errors import EsfoError
 from esfo_core.estimate import WITH_MOTION
 from esfo_core.estimate_text import one_line
@@ -85,6 +86,8 @@ class CollectorNode(Node):  # type: ignore[misc]
         self.tracks.append(messages.update_from(message).observations)
 
     def _on_activity(self, message: EventActivity) -> None:
+        if message.bin in PYRAMID_BINS:
+            return  # of other resolutions than that of the rate over time
         self.activity.append(messages.activity_from(message))
         self._bar.update((message.t0 - self.activity[0].t0) / NS_PER_S - self._bar.n)
 

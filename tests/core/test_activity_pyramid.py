@@ -51,7 +51,8 @@ def test_every_level_has_the_counts_of_a_plain_loop():
     pyramid = pyramid_of([events])
     region = region_about(box_of(np.bincount(events["x"]), np.bincount(events["y"])), *SIZE)
     levels = pyramid.levels()
-    assert [level.bin for level in levels] == list(BINS)
+    half_seen = [b for b in BINS if b <= 2 * 300 * MS]  # a bin of which less was seen is missing
+    assert [level.bin for level in levels] == half_seen
     for level in levels:
         assert level.t0 % level.bin == 0
         inner = level.part(1, len(level.counts) - 1)  # the first and the last bin are scaled by what was seen of them

@@ -110,7 +110,7 @@ def test_malformed_tracks_are_refused():
 
 
 def test_activity_arrives_in_pieces_that_join_to_the_whole():
-    counts = np.random.default_rng(1).integers(0, 65536, (100, 2, 5, 8)).astype(np.uint16)
+    counts = np.random.default_rng(1).integers(0, 65536, (700, 2, 5, 8)).astype(np.uint16)
     activity = Activity(123_000_000, 5_000_000, 32, counts)
     sent = list(frontend.activity_messages(activity, 50, "camera"))
     assert len(sent) > 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,6 +91,12 @@ class Activity:
             covered = start + len(piece.counts)
             counts[start:covered], valid[start:covered] = piece.counts, piece.valid
         return Activity(first.t0, first.bin, first.cell, counts, valid)
+
+    def known(self) -> Iterator[Activity]:
+        """Yield the stretches without a missing bin."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.valid, [False]])))
+        for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            yield self.part(begin, end)
 
     def part(self, start: int, stop: int | None = None) -> Activity:
         """Bins start:stop, as views."""

@@ -49,9 +49,13 @@ class Level:
 
     def add(self, piece: Activity) -> None:
         """Take in counts; bins between the pieces are missing. Raises ActivityError for a piece off the bins."""
-        first, rest = divmod(piece.t0, self.bin)
-        if rest:
+        if piece.t0 % self.bin:
             raise ActivityError(f"activity at {piece.t0} ns is not aligned with bins of {self.bin} ns")
+        for known in piece.known():  # as messages bring it, so that windows begin at the same bins
+            self._add_known(known)
+
+    def _add_known(self, piece: Activity) -> None:
+        first = piece.t0 // self.bin
         done = 0
         while done < len(piece.counts):
             window = self._window_at(first + done)

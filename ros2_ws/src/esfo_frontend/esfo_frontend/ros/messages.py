@@ -74,9 +74,10 @@ def activity_messages(activity: Activity, offset_ns: int, frame_id: str) -> Iter
     Missing bins are not sent: a gap between two messages is missing.
     """
     _, _, rows, columns = activity.counts.shape
-    for first, last in _runs(activity.valid, max(MESSAGE_BYTES // activity.counts[:1].nbytes, 1)):
-        counts = activity.counts[first:last]
-        t0 = activity.t0 + first * activity.bin
+    most = max(MESSAGE_BYTES // activity.counts[:1].nbytes, 1)
+    for first, known in ((k, part) for part in activity.known() for k in range(0, len(part.counts), most)):
+        counts = known.counts[first : first + most]
+        t0 = known.t0 + first * known.bin
         yield EventActivity(
             header=header_at(t0 + len(counts) * activity.bin + offset_ns, frame_id),
             t0=t0,
@@ -86,14 +87,6 @@ def activity_messages(activity: Activity, offset_ns: int, frame_id: str) -> Iter
             columns=columns,
             counts=_flat("H", counts),
         )
-
-
-def _runs(valid: NDArray[np.bool_], longest: int) -> Iterator[tuple[int, int]]:
-    """Yield begin and end of stretches of known bins, each of at most `longest`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], valid, [False]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        for first in range(begin, end, longest):
-            yield first, min(first + longest, end)
 
 
 def image_message(rgb: NDArray[np.uint8], header: Header) -> Image:

@@ -38,9 +38,9 @@ def front_end(events: EventArray, camera: Camera, preset: str) -> tuple[Frontend
     def run() -> None:
         for packet in packets:
             output = frontend.process(packet)
-            backend.add(output.tracks, output.activity)
+            backend.add(output.tracks, output.activity, output.pyramid)
         output = frontend.flush()
-        backend.add(output.tracks, output.activity)
+        backend.add(output.tracks, output.activity, output.pyramid)
 
     return frontend, backend, cpu(run)
 

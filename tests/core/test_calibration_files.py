@@ -52,8 +52,8 @@ def basalt(kind, **more):
 
 
 def ros(model, D, name="camera_matrix"):
-    matrix = f"{name}: {{rows: 3, cols: 3, data: {FLAT}}}"
-    return f"{SIZE}{matrix}\ndistortion_model: {model}\ndistortion_coefficients: {{data: {D}}}\n"
+    matrix = f"{SIZE}{name}: {{rows: 3, cols: 3, data: {FLAT}}}\n"
+    return f"{matrix}distortion_model: {model}\ndistortion_coefficients: {{data: {D}}}\n"
 
 
 ZEROS = [0.0] * 10
@@ -75,9 +75,9 @@ ZEROS = [0.0] * 10
         (xml(True, "DAVIS346_0001"), "plumb_bob", D),
         (kalibr(), "plumb_bob", D),
         (kalibr(distortion_model="equi"), "equidistant", D),
-        (kalibr(distortion_model="none", distortion_coeffs=[]), "none", []),
+        (kalibr(distortion_model="none", distortion_coeffs=[]), "plumb_bob", []),
         (dv(), "plumb_bob", D),
-        (dv(distortion=[], distortionModel="NONE"), "NONE", []),
+        (dv(distortion=[], distortionModel="NONE"), "plumb_bob", []),
         (basalt("pinhole"), "plumb_bob", []),
         (basalt("kb4", k1=-0.11, k2=0.02, k3=0.001, k4=-0.002), "equidistant", D),
         ("# made\n1 OPENCV 240 180 310.5 305 121.75 89 -0.11 0.02 0.001 -0.002\n", "plumb_bob", D),

@@ -67,7 +67,8 @@ def test_packets_give_what_the_events_give(live):
     totals = live.totals
     assert (totals.events, totals.observations, totals.packets) == (COUNT, len(expected), len(list(packets(events))))
     pieces = [o.activity for o in outputs if o.activity is not None]
-    assert totals.activity_bins == sum(len(a.counts) for a in pieces)
+    pyramid = [a for o in outputs for a in o.pyramid]
+    assert totals.activity_bins == sum(int(a.valid.sum()) for a in (*pieces, *pyramid))
     assert sum(a.counts.sum() for a in pieces) == COUNT
     assert (totals.lost, totals.unreadable, totals.late) == (0, 0, 0)
     assert totals.alive == set()

@@ -234,7 +234,8 @@ def test_other_options_hold_from_the_next_packet_on():
     found = rows([*first, *second])
     assert found.uv.tobytes() == np.concatenate([before.uv, after.uv]).tobytes()
     assert each_id_once([[*first, second[0]], second[1:]])
-    assert live.totals.activity_bins == sum(len(o.activity.counts) for o in first + second if o.activity)
+    pieces = [a for o in first + second for a in (o.activity, *o.pyramid) if a is not None]
+    assert live.totals.activity_bins == sum(int(a.valid.sum()) for a in pieces)
     pieces = [o.activity for o in first + second if o.activity]
     assert all(b.t0 >= a.end and (b.t0 - a.t0) % a.bin == 0 for a, b in pairwise(pieces))
     assert (live.totals.unreadable, live.totals.events) == (0, COUNT)

@@ -27,6 +27,8 @@ _REPEATS, _HEIGHT = 0.6, 0.4
 """Least correlation, free of counting noise, and height over the valleys of what repeats at all."""
 STEADY = 0.85
 """Least correlation of a steady rotation (docs/method.md: how rotations and other motion are distributed)."""
+_FEWEST_BINS = 12
+"""Of a period that is measured."""
 _WITHIN, _LEAST_WITHIN = 3.0, 0.03
 """The shortest period is taken whose mismatch is below so many times that of the best, or this."""
 _CLASS_Z = 6.0
@@ -146,11 +148,13 @@ def _measure(
     """Rate of the longest steady stretch at a period, at the level that tells it best; None: there is none."""
     best: tuple[Features, Refined, float] | None = None
     whole = True
-    for number in (chosen.level, chosen.level - 1):
-        if number < 0:
+    for number in (chosen.level, chosen.level - 1, chosen.level + 1):
+        if not 0 <= number < len(features):
             continue
         level = features[number]
         lag = chosen.period_s * NS_PER_S / level.bin
+        if number > chosen.level and (best is not None or lag < _FEWEST_BINS):
+            continue  # coarser bins, of which more events are, where finer ones are too noisy
         stretch = steady_stretch(level, lag)
         if stretch is None:
             continue

@@ -6,7 +6,7 @@ level holds the whole stream; a fine one holds two windows of it: the one with t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -109,22 +109,12 @@ class ActivityPyramid:
                 self._levels[piece.bin] = Level(piece.bin, piece.cell, piece.counts.shape[1:])
             self._levels[piece.bin].add(piece)
 
-    def levels(self, latest: bool = False) -> list[Activity]:
-        """The window with the most events of each level, finest level first; latest: the window of now."""
+    def levels(self) -> list[Activity]:
+        """The window with the most events of each level, finest level first."""
         held = [self._levels[b].windows() for b in sorted(self._levels)]
-        chosen = [max(w, key=lambda a: a.t0) if latest else w[0] for w in held if w]
-        return [activity for activity in chosen if len(activity.counts)]
+        return [windows[0] for windows in held if windows]
 
     @property
     def nbytes(self) -> int:
         """Memory of the counts, bytes."""
         return sum(w.counts.nbytes for level in self._levels.values() for w in level.windows())
-
-
-def finest_whole(levels: Sequence[Activity]) -> Activity:
-    """The finest of levels, finest first, that holds the whole stream. Raises ActivityError when there is none."""
-    if not levels:
-        raise ActivityError("no level of activity holds the stream")
-    begin, end = min(level.t0 + level.bin for level in levels), max(level.end - level.bin for level in levels)
-    whole = (level for level in levels if level.t0 <= begin and level.end >= end)
-    return next(whole, levels[-1])
